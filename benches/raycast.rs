@@ -49,16 +49,16 @@ fn main() {
             })
             .collect();
         ours.sort_by(f64::total_cmp);
-        let (least, median) = (ours[0], ours[repeats / 2]);
+        let (fastest, median) = (ours[0], ours[repeats / 2]);
         let theirs = vtk(&volume, &tf, &placement, &camera, repeats);
         let cell = |v: &[f64]| format!("{:.3} / {:.3}", v[0], v[v.len() / 2]);
-        let ours = format!("{layout:.3} | {least:.3} / {median:.3}");
+        let ours = format!("{layout:.3} | {fastest:.3} / {median:.3}");
         // each volume of a series is shown in few views, so the layout before the first view counts
-        let first = layout + least;
+        let first = layout + fastest;
         let theirs = theirs.map_or_else(
             || format!("- | - | - | {first:.3} | - | -"),
             |t| {
-                let ratio = [t.wall[0] / least, t.first / first];
+                let ratio = [t.wall[0] / fastest, t.first / first];
                 let (wall, cpu) = (cell(&t.wall), cell(&t.cpu));
                 format!("{wall} | {cpu} | {:.2} | {first:.3} | {:.3} | {:.1}", ratio[0], t.first, ratio[1])
             },

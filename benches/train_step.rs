@@ -250,7 +250,7 @@ fn densify_stage(scene: Scene, config: &Config, repeats: usize) -> Samples {
         embedding: None,
     };
     let change = || {
-        let rows = densify::plan(due, &statistics, &host.opacity_logits, &host.log_scales, config, DISTANCE);
+        let rows = densify::plan(0, due, &statistics, &host.opacity_logits, &host.log_scales, config, DISTANCE);
         let new = densify::apply(&rows, &host, 1, 2);
         let moments: Vec<_> =
             host.columns().map(|c| [0, 1].map(|_| densify::gather_moments(c.values, &rows, c.width))).collect();

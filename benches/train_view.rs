@@ -18,7 +18,7 @@ use window::Window;
 /// How the training is watched.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Looking {
-    Nobody,
+    NoObserver,
     Resting,
     Turning,
 }
@@ -29,12 +29,12 @@ fn train(program: &str, folder: &Path, arguments: &[String], size: u32, looking:
     drop(std::fs::remove_dir_all(&run));
     let mut command = Command::new(program);
     command.args(["train", "--out"]).arg(&run).args(arguments).stdout(Stdio::piped()).stderr(Stdio::null());
-    if looking != Looking::Nobody {
+    if looking != Looking::NoObserver {
         command.arg("--view");
     }
     let mut child = command.spawn().unwrap();
     let mut frames = 0;
-    if looking != Looking::Nobody {
+    if looking != Looking::NoObserver {
         let mut url = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut url).unwrap();
         frames = look(url.trim(), size, looking);
@@ -78,7 +78,7 @@ fn main() {
     let program = taken("--program", env!("CARGO_BIN_EXE_volseggs"));
     words.insert(0, "--data".into());
     let folder = tempfile::tempdir().unwrap();
-    let all = [Looking::Nobody, Looking::Resting, Looking::Turning];
+    let all = [Looking::NoObserver, Looking::Resting, Looking::Turning];
     let (mut seconds, began) = ([(); 3].map(|()| Vec::new()), Instant::now());
     for round in 0..rounds {
         // each kind begins a round in turn

@@ -203,7 +203,7 @@ fn far_away(url: &str, size: u32) {
         let (at, time) = (started + step * Duration::from_millis(33), f64::from(step % 100) / 100.0);
         while let Some(left) = at.checked_duration_since(Instant::now()) {
             let Some(frame) = window.frame_within(left) else { continue };
-            late.extend(lags.came(frame.time));
+            late.extend(lags.received(frame.time));
             widths.push(f64::from(frame.width));
         }
         if started.elapsed() > 3 * SPAN {
@@ -211,7 +211,7 @@ fn far_away(url: &str, size: u32) {
         }
         let view = window.view(0.0, time, true);
         window.say(&view);
-        lags.asked(time as f32);
+        lags.requested(time as f32);
     }
     let rate = late.len() as f64 / started.elapsed().as_secs_f64();
     let (first, last) = (late[..late.len() / 3].to_vec(), late[late.len() - late.len() / 3..].to_vec());

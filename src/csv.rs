@@ -17,7 +17,7 @@ mod tests {
     use super::field;
 
     #[test]
-    fn what_would_end_a_field_is_quoted() {
+    fn special_characters_are_quoted() {
         for (text, expected) in [
             ("grey-2", "grey-2"),
             ("", ""),

@@ -23,11 +23,11 @@ pub enum DeviceName {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DeviceError {
     /// No such name, or not compiled in.
-    #[error("no device \"{0}\" in this build; there is {list}", list = DeviceName::all().iter().map(ToString::to_string).collect::<Vec<_>>().join(", "))]
+    #[error("no device \"{0}\" in this build; available: {list}", list = DeviceName::all().iter().map(ToString::to_string).collect::<Vec<_>>().join(", "))]
     Unknown(String),
     /// Compiled in, but missing on this machine.
     #[error(
-        "device \"{name}\" does not start: {reason}. `volseggs doctor` shows what there is; --device flex always works"
+        "device \"{name}\" does not start: {reason}. `volseggs doctor` lists the devices; --device flex always works"
     )]
     Absent {
         /// The device.

@@ -45,7 +45,7 @@ pub struct Budget(u64);
 
 /// A size that does not fit into memory.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{what}: needs about {} of memory, and {} are free; choose less, or allow more with --memory", Bytes::rounded(*needed), Bytes(*free))]
+#[error("{what}: needs about {} of memory, but {} are free; reduce it, or allow more with --memory", Bytes::rounded(*needed), Bytes(*free))]
 pub struct TooLarge {
     /// The flag or key with its value.
     pub what: String,
@@ -109,13 +109,13 @@ fn container() -> Option<u64> {
     [second(), first()]
         .into_iter()
         .flatten()
-        .filter_map(|(top, path, names)| least(Path::new(&top), &path, names))
+        .filter_map(|(top, path, names)| min_left(Path::new(&top), &path, names))
         .min()
 }
 
 /// The minimum left by the group below `top` and its ancestors. `names` are the file names of the limit and of the use,
 /// and the prefix of the cache fields.
-fn least(top: &Path, group: &str, [limit, used, before]: [&str; 3]) -> Option<u64> {
+fn min_left(top: &Path, group: &str, [limit, used, before]: [&str; 3]) -> Option<u64> {
     let left = |folder: &Path| {
         let read = |name: &str| std::fs::read_to_string(folder.join(name)).ok();
         let number = |name: &str| read(name)?.trim().parse::<u64>().ok();
@@ -190,7 +190,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_are_read_and_written_as_people_do() {
+    fn sizes_are_read_and_written_with_units() {
         for (text, bytes) in [("1", 1), ("800M", 800_000_000), ("1.5GiB", 1_610_612_736), ("2 kb", 2000)] {
             assert_eq!(text.parse::<Bytes>(), Ok(Bytes(bytes)), "{text}");
         }
@@ -201,23 +201,23 @@ mod tests {
     }
 
     #[test]
-    fn the_tightest_group_counts_and_caches_of_files_do_not() {
+    fn the_tightest_group_limits_and_file_caches_count_as_free() {
         let top = tempfile::tempdir().unwrap();
         let group = top.path().join("job/step");
         std::fs::create_dir_all(&group).unwrap();
         let names = ["memory.max", "memory.current", ""];
         let put = |folder: &Path, file: &str, text: &str| std::fs::write(folder.join(file), text).unwrap();
         put(&group, "memory.max", "max\n");
-        assert_eq!(least(top.path(), "/job/step", names), None);
+        assert_eq!(min_left(top.path(), "/job/step", names), None);
         put(&top.path().join("job"), "memory.max", "1000\n");
         put(&top.path().join("job"), "memory.current", "900\n");
-        assert_eq!(least(top.path(), "/job/step", names), Some(100));
+        assert_eq!(min_left(top.path(), "/job/step", names), Some(100));
         put(&top.path().join("job"), "memory.stat", "anon 100\ninactive_file 500\nactive_file 200\n");
-        assert_eq!(least(top.path(), "/job/step", names), Some(800));
+        assert_eq!(min_left(top.path(), "/job/step", names), Some(800));
     }
 
     #[test]
-    fn what_does_not_fit_is_refused_by_name() {
+    fn a_request_beyond_the_budget_is_refused_by_name() {
         let budget = Budget::of(1_000_000_000);
         assert_eq!(budget.check("--size 10", 400), Ok(()));
         let side = usize::MAX;

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 /// Maximum length in bytes, so that a file named after it, temporary names included, fits every file system.
-const LONGEST: usize = 100;
+const MAX_LENGTH: usize = 100;
 
 /// A name that is safe as one path component: letters, digits, `-`, `_` and `.`, not beginning with `.` or `-`.
 ///
@@ -31,7 +31,7 @@ impl Name {
         let text = text.into();
         let fits = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
         let begins = text.starts_with(|c: char| c.is_ascii_alphanumeric() || c == '_');
-        if begins && text.len() <= LONGEST && text.chars().all(fits) { Ok(Self(text)) } else { Err(NameError(text)) }
+        if begins && text.len() <= MAX_LENGTH && text.chars().all(fits) { Ok(Self(text)) } else { Err(NameError(text)) }
     }
 
     /// The name as text.
@@ -110,7 +110,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn what_leads_out_of_a_folder_or_hides_in_it_is_no_name() {
+    fn hidden_and_unsafe_path_components_are_refused() {
         for bad in ["", ".", "..", "../up", "a/b", "/abs", "a\\b", ".hidden", "-x", "a b", "\u{e9}", "a\n", "a\0"] {
             assert!(Name::new(bad).is_err(), "{bad:?}");
             assert!(serde_json::from_value::<Name>(bad.into()).is_err(), "{bad:?}");

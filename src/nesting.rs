@@ -2,7 +2,7 @@
 //! and values separately but not together, and its result is traversed recursively.
 
 /// Maximum depth that is accepted; the configuration needs 4.
-const DEEPEST: usize = 64;
+const MAX_DEPTH: usize = 64;
 
 /// Rejects a text whose tables and lists are nested too deeply. Whether it is valid TOML is not checked.
 ///
@@ -52,8 +52,8 @@ pub(crate) fn check_toml(text: &str) -> Result<(), String> {
             }
             _ => {}
         }
-        if header + within + dots + key > DEEPEST {
-            return Err(format!("line {line}: more than {DEEPEST} tables and lists lie inside each other; use fewer"));
+        if header + within + dots + key > MAX_DEPTH {
+            return Err(format!("line {line}: more than {MAX_DEPTH} nested tables and lists; use fewer"));
         }
         at += 1;
     }
@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn depth_is_that_of_headers_keys_and_values_together() {
+    fn depth_adds_up_headers_keys_and_values() {
         let key = |levels: usize| vec!["a"; levels].join(".");
         let deep = [
             format!("{} = 1", key(100_000)),

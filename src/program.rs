@@ -32,7 +32,7 @@ pub struct Build {
 
 /// The executable could not be read.
 #[derive(Clone, Debug, thiserror::Error)]
-#[error("{}: {reason}; make the program readable, so that its build can be told from others", file.display())]
+#[error("{}: {reason}; make the program readable, so that its build can be identified", file.display())]
 pub struct BuildError {
     /// The executable.
     pub file: PathBuf,
@@ -64,7 +64,7 @@ pub fn short(digest: &str) -> &str {
 
 /// Names a build within a sentence; early versions did not record theirs.
 #[must_use]
-pub fn called(build: &str) -> String {
+pub fn build_label(build: &str) -> String {
     if build.is_empty() { "a build that was not recorded".to_owned() } else { format!("build {}", short(build)) }
 }
 
@@ -111,12 +111,12 @@ mod tests {
     }
 
     #[test]
-    fn this_build_is_known_by_its_file() {
+    fn this_build_is_identified_by_its_file() {
         let found = build().unwrap();
         assert_eq!(found.bytes, std::fs::metadata(executable()).unwrap().len());
         assert!(found.file.is_file() && short(&found.digest).len() == 12);
         assert_eq!(short("abc"), "abc");
-        assert_eq!(called("0123456789abcdef"), "build 0123456789ab");
-        assert_eq!(called(""), "a build that was not recorded");
+        assert_eq!(build_label("0123456789abcdef"), "build 0123456789ab");
+        assert_eq!(build_label(""), "a build that was not recorded");
     }
 }

@@ -17,7 +17,7 @@ pub struct NotRegistered {
 
 fn registered(known: &[String]) -> String {
     if known.is_empty() {
-        "none is: register it before `volseggs::main()`, see docs/research.md".to_owned()
+        "there are none yet: register it before `volseggs::main()`, see docs/research.md".to_owned()
     } else {
         format!("registered: {}", known.join(", "))
     }
@@ -35,9 +35,9 @@ impl<T: ?Sized> Registry<T> {
     }
 
     /// Inserts an entry, replacing any of the same name.
-    pub(crate) fn insert(&self, name: &str, thing: Arc<T>) {
+    pub(crate) fn insert(&self, name: &str, entry: Arc<T>) {
         // nothing that runs under the lock could leave the map half-changed
-        self.entries.write().unwrap_or_else(PoisonError::into_inner).insert(plain(name), thing);
+        self.entries.write().unwrap_or_else(PoisonError::into_inner).insert(plain(name), entry);
     }
 
     pub(crate) fn get(&self, name: &str) -> Result<Arc<T>, NotRegistered> {
@@ -51,7 +51,7 @@ impl<T: ?Sized> Registry<T> {
 
     pub(crate) fn all(&self) -> Vec<(String, Arc<T>)> {
         let entries = self.entries.read().unwrap_or_else(PoisonError::into_inner);
-        entries.iter().map(|(name, thing)| (name.clone(), Arc::clone(thing))).collect()
+        entries.iter().map(|(name, entry)| (name.clone(), Arc::clone(entry))).collect()
     }
 }
 
@@ -66,10 +66,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_last_of_a_name_is_found_and_an_unknown_name_lists_all() {
+    fn the_last_registration_wins_and_an_unknown_name_lists_all() {
         let registry: Registry<str> = Registry::new("thing");
         let none = registry.get("a").err().unwrap().to_string();
-        assert!(none.contains("no thing \"a\"") && none.contains("none is"), "{none}");
+        assert!(none.contains("no thing \"a\"") && none.contains("none yet"), "{none}");
         registry.insert("b", "old".into());
         registry.insert("a", "other".into());
         registry.insert("b", "new".into());
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_elsewhere_does_not_close_it() {
+    fn a_panic_under_the_lock_does_not_poison_it() {
         static REGISTRY: Registry<str> = Registry::new("thing");
         REGISTRY.insert("a", "x".into());
         let poisoned = std::thread::spawn(|| {

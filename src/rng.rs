@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_of_purposes_differ_and_stay() {
+    fn purpose_numbers_are_unique_and_fixed() {
         let all = [
             (Purpose::EncoderInit, 1),
             (Purpose::DecoderInit, 2),
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn below_is_in_range_and_even() {
+    fn below_is_in_range_and_uniform() {
         let mut rng = Rng::new(1, 1, Purpose::Custom(1));
         let mut counts = [0; 5];
         for _ in 0..50_000 {

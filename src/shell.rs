@@ -25,7 +25,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_path_is_one_word_whatever_is_in_it() {
+    fn any_path_becomes_one_word() {
         for (given, word) in [
             ("runs/a-1.b", "runs/a-1.b"),
             ("my run", "'my run'"),

@@ -103,7 +103,7 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>, TensorFileError> {
 /// Checks the format and the digest of a file's bytes while running `beside`.
 fn check<T>(path: &Path, bytes: &[u8], beside: impl FnOnce() -> T) -> Result<T, TensorFileError> {
     let damaged = |reason: String| TensorFileError::Damaged { path: path.into(), reason };
-    let file = SafeTensors::deserialize(bytes).map_err(|e| damaged(format!("not a whole safetensors file: {e}")))?;
+    let file = SafeTensors::deserialize(bytes).map_err(|e| damaged(format!("not a complete safetensors file: {e}")))?;
     let Some(at) = digest_place(bytes, &file) else { return Ok(beside()) };
     let mut found = [0; LENGTH];
     // `beside` stays on this thread, so that the memory it allocates is freed and reused here
@@ -114,7 +114,7 @@ fn check<T>(path: &Path, bytes: &[u8], beside: impl FnOnce() -> T) -> Result<T, 
     if found == bytes[at..at + LENGTH] {
         Ok(made)
     } else {
-        Err(damaged("its digest is not that of its content".into()))
+        Err(damaged("its digest does not match its content".into()))
     }
 }
 
@@ -158,11 +158,11 @@ mod tests {
     }
 
     #[test]
-    fn every_changed_byte_and_every_cut_is_found() {
+    fn every_changed_byte_and_every_truncation_is_detected() {
         let folder = tempfile::tempdir().unwrap();
         let path = file(folder.path());
         let whole = read(&path).unwrap();
-        assert_eq!(read(&file(folder.path())).unwrap(), whole, "the same content gives other bytes");
+        assert_eq!(read(&file(folder.path())).unwrap(), whole, "the same content gave different bytes");
         for i in 0..whole.len() {
             let mut bytes = whole.clone();
             bytes[i] ^= 0x20;
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_digest_on_the_edge_of_two_pieces_is_left_out_of_itself() {
+    fn a_digest_across_two_pieces_does_not_cover_itself() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("x");
         for extra in [0, 4, 8, 12, 16, 20] {
@@ -205,6 +205,6 @@ mod tests {
         std::fs::write(&path, safetensors::serialize([("b", view)], None).unwrap()).unwrap();
         assert!(read(&path).is_ok());
         std::fs::write(&path, "no tensors").unwrap();
-        assert!(read(&path).unwrap_err().to_string().contains("not a whole safetensors file"));
+        assert!(read(&path).unwrap_err().to_string().contains("not a complete safetensors file"));
     }
 }

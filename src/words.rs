@@ -24,7 +24,7 @@ fn wrong_value(text: &str) -> Option<String> {
 }
 
 fn expected(wanted: &str) -> String {
-    let whole = |most: u64| format!("a whole number from 0 to {most}");
+    let whole = |max: u64| format!("a whole number from 0 to {max}");
     match wanted {
         "u8" => whole(u64::from(u8::MAX)),
         "u16" => whole(u64::from(u16::MAX)),
@@ -84,7 +84,7 @@ fn wrong_name(text: &str) -> Option<String> {
     };
     let known = |rest: &str| {
         let list = rest.strip_prefix("expected one of ").or_else(|| rest.strip_prefix("expected "));
-        list.map_or_else(String::new, |list| format!("; there is {}", list.replace('`', "")))
+        list.map_or_else(String::new, |list| format!("; available: {}", list.replace('`', "")))
     };
     if let Some((name, rest)) = quoted("unknown field ") {
         return Some(format!("unknown key `{name}`{}", known(rest)));
@@ -103,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_type_of_the_language_is_left() {
+    fn no_rust_type_is_named() {
         for (was, is) in [
             (
                 "invalid type: string \"many\", expected u32",
@@ -118,8 +118,8 @@ mod tests {
             ),
             ("invalid length 3, expected an array of length 2", "expected a list of 2 values, not 3 values"),
             ("invalid type: sequence, expected a string", "expected text, not a list"),
-            ("unknown variant `l3`, expected `l1` or `l2`", "there is no `l3`; there is l1 or l2"),
-            ("unknown field `sedes`, expected one of `title`, `seeds`", "unknown key `sedes`; there is title, seeds"),
+            ("unknown variant `l3`, expected `l1` or `l2`", "there is no `l3`; available: l1 or l2"),
+            ("unknown field `sedes`, expected one of `title`, `seeds`", "unknown key `sedes`; available: title, seeds"),
             ("missing field `name`", "`name` is missing"),
             ("duplicate field `a`", "`a` is given twice"),
             ("line 3\ninvalid type: map, expected a string\n", "line 3\nexpected text, not a section"),

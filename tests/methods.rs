@@ -19,7 +19,7 @@ use volseggs::device::DeviceName;
 use volseggs::extend;
 use volseggs::metrics::psnr::psnr;
 use volseggs::run::{AnyRun, OpenRun};
-use volseggs::train::observer::Nobody;
+use volseggs::train::observer::NoObserver;
 use volseggs::train::open_dataset;
 use volseggs::train::run::{RunOptions, RunOutcome, Start};
 
@@ -47,18 +47,18 @@ fn trained(root: &Path, name: &str, start: Start, stop_after: Option<usize>, mor
     let data = open_dataset(&root.join("data"), &config).unwrap();
     let (out, command, device_name) = (root.join(name), "test".to_owned(), "flex".to_owned());
     let options = RunOptions { out, start, command, config_toml, device_name, stop_after };
-    volseggs::method::train(&config, &data, &device, &options, None, &AtomicBool::new(false), &mut Nobody).unwrap()
+    volseggs::method::train(&config, &data, &device, &options, None, &AtomicBool::new(false), &mut NoObserver).unwrap()
 }
 
 /// Runs the program in this process, as only this process knows the registered method. Returns the exit code and the
 /// error.
-fn told(arguments: &[&str]) -> Result<(), (u8, String)> {
+fn run_in_process(arguments: &[&str]) -> Result<(), (u8, String)> {
     let cli = Cli::try_parse_from(["volseggs"].iter().chain(arguments)).unwrap();
     cli.run().map_err(|error| (error.code(), error.to_string()))
 }
 
 #[test]
-fn a_method_without_gaussians_is_trained_measured_and_drawn_by_what_serves_all() {
+fn a_method_without_gaussians_is_trained_evaluated_and_rendered_by_the_common_code() {
     let root = dataset();
     let whole = trained(root.path(), "whole", Start::New, None, &[]);
     assert_eq!((whole.complete, whole.record.gaussians, whole.record.method.as_str()), (true, 0, "pixels"));
@@ -73,23 +73,23 @@ fn a_method_without_gaussians_is_trained_measured_and_drawn_by_what_serves_all()
     trained(root.path(), "parts", Start::New, Some(33), &[]);
     trained(root.path(), "parts", Start::Resume, None, &[]);
     let parts = root.path().join("parts");
-    assert!(newest_bytes(&parts) == newest_bytes(&run), "a resumed run ends elsewhere");
+    assert!(newest_bytes(&parts) == newest_bytes(&run), "the resumed run has a different result");
     assert_eq!(metrics(&parts), lines);
 
     // evaluated like any other
     let path = text(root.path(), "whole");
-    told(&["eval", &path]).unwrap();
+    run_in_process(&["eval", &path]).unwrap();
     let mean = json(&run.join("eval/test/mean.json"));
     let parameters = (6 + 1 + 3) * 24 + 3;
     assert_eq!((&mean["gaussians"], &mean["parameters"]), (&0.into(), &parameters.into()));
     let bytes = std::fs::metadata(run.join("checkpoints/step-000060/scene.safetensors")).unwrap().len();
     assert_eq!(mean["model_bytes"], bytes);
     assert!(mean["psnr"].as_f64().unwrap() > 5.0 && mean["fps"].as_f64().unwrap() > 0.0, "{mean}");
-    told(&["compare", &path, "--out", &text(root.path(), "table")]).unwrap();
+    run_in_process(&["compare", &path, "--out", &text(root.path(), "table")]).unwrap();
 
     // rendered like any other
     let frames = text(root.path(), "frames");
-    told(&["render", &path, "--path", "orbit", "--frames", "2", "--size", "16", "--out", &frames]).unwrap();
+    run_in_process(&["render", &path, "--path", "orbit", "--frames", "2", "--size", "16", "--out", &frames]).unwrap();
     assert_eq!(json(&root.path().join("frames/frames.json"))["show"], "colour");
     assert!(root.path().join("frames/0001.png").is_file());
 
@@ -98,7 +98,7 @@ fn a_method_without_gaussians_is_trained_measured_and_drawn_by_what_serves_all()
 }
 
 #[test]
-fn gaussians_in_space_and_time_are_trained_measured_drawn_and_refused_by_name() {
+fn gaussians_in_space_and_time_are_trained_evaluated_rendered_and_refused_by_name() {
     let root = dataset();
     let data = text(root.path(), "data");
     let settings = [
@@ -131,17 +131,17 @@ fn gaussians_in_space_and_time_are_trained_measured_drawn_and_refused_by_name() 
     begin("parts", &["--stop-after", "23"]).assert().success();
     volseggs().args(["train", "--resume", &text(root.path(), "parts")]).assert().success();
     let parts = root.path().join("parts");
-    assert!(newest_bytes(&parts) == newest_bytes(&run), "a resumed run ends elsewhere");
+    assert!(newest_bytes(&parts) == newest_bytes(&run), "the resumed run has a different result");
     assert_eq!(metrics(&parts), lines);
 
     let path = text(root.path(), "whole");
-    told(&["eval", &path]).unwrap();
+    run_in_process(&["eval", &path]).unwrap();
     let mean = json(&run.join("eval/test/mean.json"));
     let gaussians = mean["gaussians"].as_u64().unwrap();
     assert!((100..=200).contains(&gaussians), "{gaussians}");
     assert_eq!(mean["parameters"], gaussians * 53);
     assert!(mean["psnr"].as_f64().unwrap() > 5.0 && mean["fps"].as_f64().unwrap() > 0.0, "{mean}");
-    told(&["compare", &path, "--out", &text(root.path(), "table")]).unwrap();
+    run_in_process(&["compare", &path, "--out", &text(root.path(), "table")]).unwrap();
     let frames = text(root.path(), "frames");
     let orbit = ["--path", "orbit", "--frames", "2", "--size", "16"];
     volseggs().args(["render", &path, "--out", &frames]).args(orbit).assert().success();
@@ -179,7 +179,7 @@ fn refused_where_gaussians_are_needed(root: &Path, name: &str, method: &str) {
         vec!["render", &path, "--show", "depth", "--out", &out],
         vec!["render", &path, "--segment", "red", "--out", &out],
     ] {
-        let (code, error) = told(&arguments).unwrap_err();
+        let (code, error) = run_in_process(&arguments).unwrap_err();
         assert_eq!(code, 2, "{arguments:?}: {error}");
         assert!(error.contains(&words) && error.contains("Gaussians"), "{arguments:?}: {error}");
         assert_eq!(error.lines().count(), 1, "{error}");
@@ -192,7 +192,7 @@ fn refused_where_gaussians_are_needed(root: &Path, name: &str, method: &str) {
 }
 
 #[test]
-fn one_image_is_learnt_by_heart() {
+fn a_single_image_is_overfitted() {
     let root = dataset();
     let more = ["data.times=1", "data.views_per_time=1", "method_settings.steps=800", "method_settings.rate=0.005"];
     let more: Vec<&str> = more.into_iter().chain(["output.eval_every=0"]).collect();
@@ -211,7 +211,7 @@ fn one_image_is_learnt_by_heart() {
 }
 
 #[test]
-fn a_run_says_its_method_and_one_that_says_none_is_ours() {
+fn a_run_records_its_method_which_defaults_to_volseggs() {
     let root = dataset();
     let run = root.path().join("run");
     train(root.path(), "run", &[]).args(["--method", "volseggs", "--stop-after", "12"]).assert().success();
@@ -281,7 +281,7 @@ const BUILT_IN: [(&str, &[&str]); 3] = [
 ];
 
 #[test]
-fn built_in_methods_without_gaussians_are_trained_resumed_measured_drawn_and_refused() {
+fn built_in_methods_without_gaussians_are_trained_resumed_evaluated_rendered_and_refused() {
     let root = dataset();
     let data = text(root.path(), "data");
     for (name, settings) in BUILT_IN {
@@ -308,7 +308,10 @@ fn built_in_methods_without_gaussians_are_trained_resumed_measured_drawn_and_ref
         let parts = text(root.path(), &parts);
         volseggs().args(["train", "--resume", &parts]).assert().success();
         let run = root.path().join(&whole);
-        assert!(newest_bytes(Path::new(&parts)) == newest_bytes(&run), "{name}: a resumed run ends elsewhere");
+        assert!(
+            newest_bytes(Path::new(&parts)) == newest_bytes(&run),
+            "{name}: the resumed run has a different result"
+        );
         let record = json(&run.join("run.json"));
         assert_eq!(
             (&record["method"], &record["status"], &record["steps"]),
@@ -316,7 +319,7 @@ fn built_in_methods_without_gaussians_are_trained_resumed_measured_drawn_and_ref
         );
 
         let run = text(root.path(), &whole);
-        told(&["eval", &run, "--views", "2"]).unwrap();
+        run_in_process(&["eval", &run, "--views", "2"]).unwrap();
         let mean = json(&Path::new(&run).join("eval/test/mean.json"));
         assert!(mean["psnr"].as_f64().unwrap() > 3.0 && mean["parameters"].as_u64().unwrap() > 100, "{name}: {mean}");
         let frames = text(root.path(), &format!("{name}-frames"));
@@ -326,11 +329,11 @@ fn built_in_methods_without_gaussians_are_trained_resumed_measured_drawn_and_ref
     }
     let runs = BUILT_IN.map(|(name, _)| text(root.path(), &format!("{name}-whole")));
     let table = text(root.path(), "table");
-    told(&["compare", &runs[0], &runs[1], &runs[2], "--out", &table]).unwrap();
+    run_in_process(&["compare", &runs[0], &runs[1], &runs[2], "--out", &table]).unwrap();
 }
 
 #[test]
-fn insitunet_without_weights_of_vgg_says_so_and_compares_pixels() {
+fn insitunet_without_vgg_weights_reports_it_and_compares_pixels() {
     let root = dataset();
     let mut program = volseggs();
     program.args([
@@ -344,25 +347,25 @@ fn insitunet_without_weights_of_vgg_says_so_and_compares_pixels() {
     ]);
     let features = ["insitunet.perceptual=1", "insitunet.pixel=0"];
     program.args(BUILT_IN[1].1.iter().chain(&features).flat_map(|set| ["--set", set]));
-    let told = program.args(["--stop-after", "2", "--out", &text(root.path(), "run")]).assert().success();
-    let told = String::from_utf8(told.get_output().stderr.clone()).unwrap();
-    assert!(told.contains("note: insitunet.vgg") && told.contains("volseggs lpips --help"), "{told}");
+    let output = program.args(["--stop-after", "2", "--out", &text(root.path(), "run")]).assert().success();
+    let message = String::from_utf8(output.get_output().stderr.clone()).unwrap();
+    assert!(message.contains("note: insitunet.vgg") && message.contains("volseggs lpips --help"), "{message}");
 }
 
 #[test]
-fn a_run_whose_time_is_over_is_complete_and_goes_on_with_more() {
+fn a_run_out_of_time_is_complete_and_continues_with_a_longer_limit() {
     let root = dataset();
     let whole = trained(root.path(), "whole", Start::New, None, &[]);
     let short = trained(root.path(), "short", Start::New, None, &["output.max_minutes=1e-9"]);
     assert_eq!((short.complete, short.record.status.as_str(), short.record.steps), (true, "complete", 1));
     let run = root.path().join("short");
     assert_eq!(names(&run.join("checkpoints")), ["step-000001"]);
-    told(&["eval", &text(root.path(), "short"), "--views", "1"]).unwrap();
+    run_in_process(&["eval", &text(root.path(), "short"), "--views", "1"]).unwrap();
     let again = trained(root.path(), "short", Start::Resume, None, &["output.max_minutes=1e-9"]);
-    assert_eq!((again.complete, again.record.steps), (true, 1), "its time is over");
+    assert_eq!((again.complete, again.record.steps), (true, 1), "no time is left");
     let longer = trained(root.path(), "short", Start::Resume, None, &["output.max_minutes=600"]);
     assert_eq!((longer.complete, longer.record.steps), (true, whole.record.steps));
-    assert!(newest_bytes(&run) == newest_bytes(&root.path().join("whole")), "what ends a run shapes no step");
+    assert!(newest_bytes(&run) == newest_bytes(&root.path().join("whole")), "the time limit must not affect the steps");
     let refused = Layers::new(PRESETS).sets(["output.max_minutes=-1"]).resolve::<Config>().unwrap();
     let error = volseggs::train::check_config(&refused.value).unwrap_err().to_string();
     assert!(error.contains("output.max_minutes = -1"), "{error}");

@@ -67,7 +67,7 @@ fn differences<const D: usize>(x: &Tensor<D>, every: usize, f: impl Fn(Tensor<D>
     let gradients = f(leaf.clone()).backward();
     let gradient = to_vec(leaf.grad(&gradients).unwrap());
     let largest = gradient.iter().fold(0.0f32, |a, g| a.max(g.abs()));
-    assert!(largest > 0.0 && gradient.iter().all(|g| g.is_finite()), "no gradient, or not a finite one");
+    assert!(largest > 0.0 && gradient.iter().all(|g| g.is_finite()), "the gradient is zero or not finite");
     let values = to_vec(x.clone());
     let moved = |i: usize, by: f32| {
         let mut values = values.clone();
@@ -85,7 +85,7 @@ fn noise<const D: usize>(shape: [usize; D], seed: u64, device: &Device) -> Tenso
 }
 
 #[test]
-fn the_page_shows_the_files() {
+fn the_page_quotes_the_example_files() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let read = |path: &str| std::fs::read_to_string(root.join(path)).unwrap();
     let page = read("docs/research.md");
@@ -96,7 +96,7 @@ fn the_page_shows_the_files() {
 }
 
 #[test]
-fn a_name_that_is_not_registered_is_refused_with_those_that_are() {
+fn an_unregistered_name_is_refused_and_the_registered_ones_are_listed() {
     let root = dataset();
     let data = open(root.path());
     let cases: &[(&[&str], &[&str])] = &[
@@ -123,7 +123,7 @@ fn a_name_that_is_not_registered_is_refused_with_those_that_are() {
 }
 
 #[test]
-fn a_schedule_with_a_factor_that_is_no_number_is_refused() {
+fn a_schedule_with_a_non_finite_factor_is_refused() {
     struct Broken;
     impl Schedule for Broken {
         fn factor(&self, progress: f64) -> f64 {
@@ -143,7 +143,7 @@ fn the_loss_term_has_the_right_gradient_and_changes_the_result() {
     let (trainer, without) = trained(&data, config(&[]), 30);
     let (edged, with) = trained(&data, config(&["loss.extra.edges=0.5"]), 30);
     let (_, zero) = trained(&data, config(&["loss.extra.edges=0"]), 30);
-    assert_eq!(without, zero, "a weight of 0 leaves the term out");
+    assert_eq!(without, zero, "a weight of 0 disables the term");
     assert!(with[0] > without[0], "{} {}", with[0], without[0]);
     assert!(with.iter().all(|v| v.is_finite()) && with[29] < with[0], "{with:?}");
     assert_ne!(collect(trainer.scene())["gaussians.sh"], collect(edged.scene())["gaussians.sh"]);
@@ -178,7 +178,7 @@ fn the_encoder_has_the_right_gradients() {
 }
 
 #[test]
-fn the_encoder_trains_and_comes_back_from_its_file() {
+fn the_encoder_trains_and_is_restored_from_its_file() {
     let root = dataset();
     let data = open(root.path());
     // the default rates are meant for thousands of steps
@@ -214,7 +214,7 @@ fn the_encoder_trains_and_comes_back_from_its_file() {
 }
 
 #[test]
-fn the_schedule_changes_the_rates_that_fall_and_no_others() {
+fn the_schedule_changes_only_the_decaying_rates() {
     let rates = |schedule: &str, progress: f64| {
         let config = config(&[&format!("optim.schedule={schedule}"), "stages.joint_steps=1000"]);
         let stage = Stage::Joint((1000.0 * progress) as usize);
@@ -237,7 +237,7 @@ fn the_schedule_changes_the_rates_that_fall_and_no_others() {
 }
 
 #[test]
-fn the_metric_looks_inside_the_silhouette_alone() {
+fn the_metric_covers_only_the_silhouette() {
     let value = |render: &[f32], alpha: &[f32]| {
         let (width, height, background, time) = (alpha.len(), 1, [1.0; 3], 0.0);
         let truth = vec![0.5; render.len()];
@@ -251,7 +251,7 @@ fn the_metric_looks_inside_the_silhouette_alone() {
 }
 
 #[test]
-fn the_whole_program_knows_all_four() {
+fn the_program_accepts_all_four_extensions() {
     register();
     let root = dataset();
     let settings =

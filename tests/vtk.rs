@@ -130,7 +130,7 @@ fn pictures_agree_with_vtk() {
     ];
     for eye in [DVec3::new(2.2, -3.0, 1.5), DVec3::new(-1.0, 1.0, -3.7)] {
         let camera = Camera::look_at(eye, DVec3::ZERO, DVec3::Z, 30f64.to_radians(), SIZE, SIZE);
-        for (mapper, shading, least) in cases {
+        for (mapper, shading, minimum) in cases {
             let tf = transfer(shading);
             let Some(theirs) = vtk(folder.path(), &volume, &tf, &camera, mapper, 0.25) else { return };
             let caster = RayCaster::new(&volume, None, &tf, [0.0, 1.2], placement, 0.25);
@@ -138,8 +138,8 @@ fn pictures_agree_with_vtk() {
             let agreement = psnr(&ours, &theirs);
             println!("{mapper} specular {} shaded {}: {agreement:.1} dB", shading.specular, shading.enabled);
             let drawn = ours.chunks_exact(3).filter(|p| p[0] < 0.9).count();
-            assert!(drawn > 2000, "something is drawn: {drawn}");
-            assert!(agreement > least, "{mapper} {shading:?}: {agreement:.1} dB, at least {least} expected");
+            assert!(drawn > 2000, "too few pixels are drawn: {drawn}");
+            assert!(agreement > minimum, "{mapper} {shading:?}: {agreement:.1} dB, at least {minimum} expected");
         }
     }
 }

@@ -30,7 +30,7 @@ pub fn proxy(port: u16, rate: f64, delay: Duration) -> u16 {
 /// Forwards bytes from one stream to the other. Little is buffered in between, so a sender that is too fast has to
 /// wait, as on a real line with a short queue.
 fn pass(mut from: TcpStream, mut to: TcpStream, rate: f64, delay: Duration) {
-    let (tell, told) = channel();
+    let (sender, packets) = channel();
     thread::spawn(move || {
         let mut free = Instant::now();
         let mut part = [0; PACKET];
@@ -38,19 +38,19 @@ fn pass(mut from: TcpStream, mut to: TcpStream, rate: f64, delay: Duration) {
             // the line carries one packet at a time
             free = free.max(Instant::now()) + Duration::from_secs_f64(n as f64 / rate);
             thread::sleep(free.saturating_duration_since(Instant::now()));
-            if tell.send((free + delay, part[..n].to_vec())).is_err() {
+            if sender.send((free + delay, part[..n].to_vec())).is_err() {
                 break;
             }
         }
     });
     thread::spawn(move || {
-        deliver(&told, &mut to);
+        deliver(&packets, &mut to);
         drop(to.shutdown(Shutdown::Both));
     });
 }
 
-fn deliver(told: &Receiver<(Instant, Vec<u8>)>, to: &mut TcpStream) {
-    for (at, bytes) in told {
+fn deliver(packets: &Receiver<(Instant, Vec<u8>)>, to: &mut TcpStream) {
+    for (at, bytes) in packets {
         thread::sleep(at.saturating_duration_since(Instant::now()));
         if to.write_all(&bytes).is_err() {
             break;
@@ -64,12 +64,12 @@ pub struct Lags(VecDeque<(f32, Instant)>);
 
 impl Lags {
     /// Records the request for a view, identified by its time.
-    pub fn asked(&mut self, time: f32) {
+    pub fn requested(&mut self, time: f32) {
         self.0.push_back((time, Instant::now()));
     }
 
     /// Records the arrival of a frame of that time; returns the milliseconds since its request.
-    pub fn came(&mut self, time: f32) -> Option<f64> {
+    pub fn received(&mut self, time: f32) -> Option<f64> {
         let at = self.0.iter().position(|(t, _)| (t - time).abs() < 1e-6)?;
         let (_, asked) = self.0.drain(..=at).next_back()?;
         Some(1e3 * asked.elapsed().as_secs_f64())

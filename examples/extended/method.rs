@@ -25,8 +25,8 @@ pub struct Layers {
     output_bias: Param<Tensor<1>>,
 }
 
-fn setting(config: &Config, name: &str, otherwise: f64) -> f64 {
-    config.method_settings.get(name).copied().unwrap_or(otherwise)
+fn setting(config: &Config, name: &str, default: f64) -> f64 {
+    config.method_settings.get(name).copied().unwrap_or(default)
 }
 
 impl Layers {
@@ -54,7 +54,7 @@ impl Network for Pixels {
     fn check(&self, config: &Config) -> Result<(), String> {
         let is_whole = |name: &str| setting(config, name, 1.0) >= 1.0 && setting(config, name, 1.0).fract() == 0.0;
         match ["width", "steps"].into_iter().find(|name| !is_whole(name)) {
-            Some(name) => Err(format!("method_settings.{name}: a whole number, 1 or above")),
+            Some(name) => Err(format!("method_settings.{name}: must be a whole number, 1 or above")),
             None => Ok(()),
         }
     }

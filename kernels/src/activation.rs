@@ -35,7 +35,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_undoes_the_other() {
+    fn sigmoid_and_logit_are_inverses() {
         for x in [-20.0, -3.0, -0.5, 0.0, 0.1, 2.0, 7.0] {
             assert!((logit_f64(sigmoid_f64(x)) - x).abs() < 1e-9, "{x}");
         }

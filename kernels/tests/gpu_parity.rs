@@ -83,7 +83,7 @@ fn opaque_walls_end_pixels_early(on: Tested) {
     splats_alike(&on, &scene, 40, 40, 0);
 }
 
-fn no_gaussians_and_none_before_the_camera(on: Tested) {
+fn no_gaussians_and_none_in_front_of_the_camera(on: Tested) {
     let mut behind = random_scene(20, 0, 2);
     behind.means.chunks_exact_mut(3).for_each(|m| m[2] -= 20.0);
     for scene in [random_scene(0, 0, 1), behind] {
@@ -267,7 +267,7 @@ fn adam_in_place_and_on_shared_memory(on: Tested) {
         };
         let (out, bad) = adam(tensors, tensor(&values(n, 4), [n], &device), step);
         assert_eq!(bad, None);
-        assert_eq!(to_vec(kept), values(n, 1), "another holder keeps what it has");
+        assert_eq!(to_vec(kept), values(n, 1), "another holder keeps its values");
         let (out, _) = adam(out, tensor(&values(n, 5), [n], &device), step);
         vec![to_vec(out.param), to_vec(out.moment_1), to_vec(out.moment_2)]
     });
@@ -290,7 +290,7 @@ fn contributors(on: Tested) {
         }
         assert!(wa.iter().zip(wb).all(|(a, b)| (a - b).abs() < 1e-4), "pixel {p}: {wa:?} for {wb:?}");
     }
-    assert!(other * 50 <= pixels.len(), "{other} of {} pixels have other lists", pixels.len());
+    assert!(other * 50 <= pixels.len(), "{other} of {} pixels have different lists", pixels.len());
     let none =
         volseggs_kernels::splat::contributors::contributors(&common::inputs(&scene, &on.device), &s, &[]).unwrap();
     assert!(none.is_empty() && none.indices.is_empty());
@@ -304,7 +304,7 @@ volseggs_testing::on_every_gpu!(
     random_scenes_of_every_degree_and_odd_sizes,
     deep_tiles_of_many_batches_and_segments,
     opaque_walls_end_pixels_early,
-    no_gaussians_and_none_before_the_camera,
+    no_gaussians_and_none_in_front_of_the_camera,
     poison_is_culled_and_never_spreads,
     the_same_device_gives_the_same_bits_again,
     field,

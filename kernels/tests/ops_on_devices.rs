@@ -32,7 +32,7 @@ fn shape() -> FieldShape {
     FieldShape { levels, time_knots: 4, channels: 8 }
 }
 
-fn field_gradients_are_those_of_the_reference(on: Tested) {
+fn field_gradients_match_the_reference(on: Tested) {
     let shape = shape();
     let n = 40;
     let (planes, lines) = (values(shape.planes_len(), 1), values(shape.lines_len(), 2));
@@ -56,15 +56,15 @@ fn field_gradients_are_those_of_the_reference(on: Tested) {
     let (planes, lines, times) = (wide(&planes), wide(&lines), wide(&times));
     let params = field_reference::Params { planes: &planes, lines: &lines, times: &times };
     let time = f64::from(0.37f32);
-    let least = on.within(1e-5, 1e-4);
-    assert!(relative_error(&ours[0], &field_reference::forward(&shape, params, &wide(&points), time)) < least);
+    let tolerance = on.within(1e-5, 1e-4);
+    assert!(relative_error(&ours[0], &field_reference::forward(&shape, params, &wide(&points), time)) < tolerance);
     let g = field_reference::backward(&shape, params, &wide(&points), time, &wide(&weights));
     for (ours, expected) in ours[1..].iter().zip([&g.planes, &g.lines, &g.times, &g.points]) {
-        assert!(relative_error(ours, expected) < least);
+        assert!(relative_error(ours, expected) < tolerance);
     }
 }
 
-fn ssim_and_its_gradient_are_those_of_the_reference(on: Tested) {
+fn ssim_and_its_gradient_match_the_reference(on: Tested) {
     let (h, w) = (19, 23);
     let (a, b) = (values(3 * h * w, 6), values(3 * h * w, 7));
     let ours = on.results(|device| {
@@ -79,7 +79,7 @@ fn ssim_and_its_gradient_are_those_of_the_reference(on: Tested) {
     assert!(relative_error(&ours[1], &doubled) < on.within(1e-5, 2e-3));
 }
 
-fn ssim_takes_no_notice_of_a_fourth_channel(on: Tested) {
+fn ssim_ignores_a_fourth_channel(on: Tested) {
     let (h, w) = (19, 23);
     let (a, b) = (values(4 * h * w, 6), values(4 * h * w, 7));
     let rgb = |v: &[f32]| v.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
@@ -95,7 +95,7 @@ fn ssim_takes_no_notice_of_a_fourth_channel(on: Tested) {
     assert!(four[1].chunks_exact(4).all(|p| p[3] == 0.0));
 }
 
-fn the_distance_of_images_and_its_gradient_are_those_of_the_reference(on: Tested) {
+fn photometric_losses_and_their_gradients_match_the_reference(on: Tested) {
     let (h, w) = (17, 21);
     let (a, b) = (values(4 * h * w, 16), values(4 * h * w, 17));
     for kind in [Distance::Absolute, Distance::Squared] {
@@ -107,14 +107,16 @@ fn the_distance_of_images_and_its_gradient_are_those_of_the_reference(on: Tested
         });
         let (value, gradient, squared) =
             photometric_reference::photometric(&wide(&a), &wide(&b), kind, f64::from(0.2f32));
-        let least = on.within(1e-6, 1e-5);
-        assert!((f64::from(ours[0][0]) - value).abs() < least && (f64::from(ours[1][0]) - squared).abs() < least);
+        let tolerance = on.within(1e-6, 1e-5);
+        assert!(
+            (f64::from(ours[0][0]) - value).abs() < tolerance && (f64::from(ours[1][0]) - squared).abs() < tolerance
+        );
         let doubled: Vec<f64> = gradient.iter().map(|g| 2.0 * g).collect();
-        assert!(relative_error(&ours[2], &doubled) < least);
+        assert!(relative_error(&ours[2], &doubled) < tolerance);
     }
 }
 
-fn total_variation_and_its_gradients_are_those_of_the_reference(on: Tested) {
+fn total_variation_and_its_gradients_match_the_reference(on: Tested) {
     let shape = shape();
     let parameters = [values(shape.planes_len(), 8), values(shape.lines_len(), 9), values(shape.times_len(), 10)];
     let spans = [shape.plane_spans(), shape.line_spans(), shape.time_spans()];
@@ -130,7 +132,7 @@ fn total_variation_and_its_gradients_are_those_of_the_reference(on: Tested) {
             let slopes = [p, l, t].map(|x| to_vec(x.grad(&g).unwrap()));
             std::iter::once(to_vec(v.inner())).chain(slopes).collect()
         });
-        let least = on.within(1e-6, 1e-5);
+        let tolerance = on.within(1e-6, 1e-5);
         let mut value = 0.0;
         let (space, time) = ((weights.space, weights.one_prior_space), (weights.time, weights.one_prior_time));
         for (k, (weight, prior)) in [space, space, time].into_iter().enumerate() {
@@ -139,13 +141,13 @@ fn total_variation_and_its_gradients_are_those_of_the_reference(on: Tested) {
             let mut gradient = vec![0.0; data.len()];
             value += tv_reference::tv(&data, &spans[k], shape.channels, kind, reduction, weight, prior, &mut gradient);
             let doubled: Vec<f64> = gradient.iter().map(|g| 2.0 * g).collect();
-            assert!(relative_error(&ours[k + 1], &doubled) < least);
+            assert!(relative_error(&ours[k + 1], &doubled) < tolerance);
         }
-        assert!((f64::from(ours[0][0]) - value).abs() < least * value, "{} against {value}", ours[0][0]);
+        assert!((f64::from(ours[0][0]) - value).abs() < tolerance * value, "{} against {value}", ours[0][0]);
     }
 }
 
-fn what_rays_see_and_its_gradients_are_those_of_the_reference(on: Tested) {
+fn composited_rays_and_their_gradients_match_the_reference(on: Tested) {
     let offsets: Vec<u32> = (0..=90).map(|ray: u32| ray * (ray + 5) / 6).collect();
     let samples = offsets[90] as usize;
     let coloured: Vec<bool> = values(samples, 18).iter().map(|v| *v < 0.7).collect();
@@ -162,8 +164,8 @@ fn what_rays_see_and_its_gradients_are_those_of_the_reference(on: Tested) {
     });
     let of = |depths: &[f64], colours: &[f64]| march_reference::composite(&rays, depths, colours, back.map(f64::from));
     let (mut d, mut c) = (wide(&depths), wide(&colours));
-    let least = on.within(1e-5, 1e-4);
-    assert!(relative_error(&ours[0], &of(&d, &c)) < least);
+    let tolerance = on.within(1e-5, 1e-4);
+    assert!(relative_error(&ours[0], &of(&d, &c)) < tolerance);
     let total = |out: Vec<f64>| out.iter().zip(&weights).map(|(v, w)| v * f64::from(*w)).sum::<f64>();
     let h = 1e-5;
     let mut of_depths = Vec::new();
@@ -175,7 +177,7 @@ fn what_rays_see_and_its_gradients_are_those_of_the_reference(on: Tested) {
         of_depths.push((up - total(of(&d, &c))) / (2.0 * h));
         d[i] = at;
     }
-    assert!(relative_error(&ours[1], &of_depths) < least);
+    assert!(relative_error(&ours[1], &of_depths) < tolerance);
     // linear in the colours
     let dark = vec![0.0; c.len()];
     let black = total(of(&d, &dark));
@@ -186,10 +188,10 @@ fn what_rays_see_and_its_gradients_are_those_of_the_reference(on: Tested) {
             total(of(&d, &c)) - black
         })
         .collect();
-    assert!(relative_error(&ours[2], &of_colours) < least);
+    assert!(relative_error(&ours[2], &of_colours) < tolerance);
 }
 
-fn sines_of_rows_and_their_gradients_are_those_of_double_precision(on: Tested) {
+fn sines_of_rows_and_their_gradients_match_double_precision(on: Tested) {
     let (n, width, omega) = (37, 24, 30.0f32);
     let (x, bias, weights) = (values(n * width, 22), values(width, 23), values(n * width, 24));
     let ours = on.results(|device| {
@@ -204,9 +206,9 @@ fn sines_of_rows_and_their_gradients_are_those_of_double_precision(on: Tested) {
     let slope = |i: usize| f64::from(omega) * argument(i).cos() * f64::from(weights[i]);
     let of_rows: Vec<f64> = (0..n * width).map(slope).collect();
     let of_bias: Vec<f64> = (0..width).map(|c| of_rows.iter().skip(c).step_by(width).sum()).collect();
-    let least = on.within(1e-6, 1e-4);
+    let tolerance = on.within(1e-6, 1e-4);
     for (ours, expected) in ours.iter().zip([&exact, &of_rows, &of_bias]) {
-        assert!(relative_error(ours, expected) < least);
+        assert!(relative_error(ours, expected) < tolerance);
     }
 }
 
@@ -240,7 +242,7 @@ fn the_first_step_of_adam_moves_every_element_by_the_rate(on: Tested) {
 }
 
 /// GPUs do not check this, as reporting it to the host would stall every step.
-fn adam_reports_what_is_not_finite(on: Tested) {
+fn adam_reports_non_finite_values(on: Tested) {
     let found = stepped(&on.device, &[1.0, 2.0], &[3.0, f32::NAN]);
     assert_eq!(found, (vec![1.0, 2.0], Some(NonFinite::Gradient(1))));
     let (_, bad) = stepped(&on.device, &[f32::INFINITY, 2.0], &[3.0, 1.0]);
@@ -249,14 +251,14 @@ fn adam_reports_what_is_not_finite(on: Tested) {
 
 volseggs_testing::on_every_device!(
     crate::common::open =>
-    field_gradients_are_those_of_the_reference,
-    ssim_and_its_gradient_are_those_of_the_reference,
-    the_distance_of_images_and_its_gradient_are_those_of_the_reference,
-    total_variation_and_its_gradients_are_those_of_the_reference,
-    sines_of_rows_and_their_gradients_are_those_of_double_precision,
-    what_rays_see_and_its_gradients_are_those_of_the_reference,
+    field_gradients_match_the_reference,
+    ssim_and_its_gradient_match_the_reference,
+    photometric_losses_and_their_gradients_match_the_reference,
+    total_variation_and_its_gradients_match_the_reference,
+    sines_of_rows_and_their_gradients_match_double_precision,
+    composited_rays_and_their_gradients_match_the_reference,
     the_first_step_of_adam_moves_every_element_by_the_rate,
 );
 volseggs_testing::on_every_cpu_device!(
-    crate::common::open => ssim_takes_no_notice_of_a_fourth_channel, adam_reports_what_is_not_finite,
+    crate::common::open => ssim_ignores_a_fourth_channel, adam_reports_non_finite_values,
 );

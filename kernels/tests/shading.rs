@@ -113,7 +113,7 @@ fn colours_and_every_gradient_match_the_reference(on: Tested) {
     }
 }
 
-fn what_has_no_direction_is_lit_by_ambient_light_and_stays_finite(on: Tested) {
+fn gaussians_without_a_direction_get_ambient_light_and_stay_finite(on: Tested) {
     let device = on.device.autodiff();
     let mut inputs = inputs();
     inputs[3][..3].fill(0.0); // a normal
@@ -149,14 +149,14 @@ fn bits_do_not_depend_on_the_number_of_threads(on: Tested) {
 
 volseggs_testing::on_every_device!(
     crate::common::open => colours_and_every_gradient_match_the_reference,
-    what_has_no_direction_is_lit_by_ambient_light_and_stays_finite,
+    gaussians_without_a_direction_get_ambient_light_and_stay_finite,
 );
 volseggs_testing::on_every_cpu_device!(
     crate::common::open => bits_do_not_depend_on_the_number_of_threads,
 );
 
 #[test]
-fn a_material_goes_there_and_back() {
+fn a_material_survives_the_round_trip() {
     let material = Material { ambient: 0.2, specular: 0.4, exponent: 12.0 };
     let back = Material::from_trained(material.to_trained());
     for (a, b) in

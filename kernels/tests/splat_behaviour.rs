@@ -12,7 +12,7 @@ fn weights(len: usize, seed: u64) -> Vec<f32> {
     (0..len).map(|_| r.normal() as f32).collect()
 }
 
-fn the_bits_are_those_of_the_first_device(on: Tested) {
+fn bits_match_the_first_device(on: Tested) {
     let scene = random_scene(400, 3, 11);
     let s = settings(camera(50, 37), 3);
     let w = weights(50 * 37 * 4, 1);
@@ -24,7 +24,7 @@ fn the_bits_are_those_of_the_first_device(on: Tested) {
 }
 
 #[test]
-fn the_number_of_threads_does_not_change_a_bit() {
+fn bits_do_not_depend_on_the_number_of_threads() {
     let scene = random_scene(3000, 2, 17);
     let s = settings(camera(90, 70), 2);
     let w = weights(90 * 70 * 4, 2);
@@ -106,7 +106,7 @@ volseggs_testing::on_every_device!(
 // gpu_parity.rs tests GPUs on poisoned and empty scenes, with fewer renderings
 volseggs_testing::on_every_cpu_device!(
     crate::common::open =>
-    the_bits_are_those_of_the_first_device,
+    bits_match_the_first_device,
     poison_is_culled_and_never_spreads,
     empty_scenes_and_scenes_behind_the_camera_show_the_background,
 );

@@ -42,7 +42,7 @@ fn columns<const K: usize>(of: Tensor<2>) -> [Tensor<2>; K] {
 
 /// A covariance computed from a rotation and scales gives the same image as these, and the same gradients with respect
 /// to them.
-fn covariances_say_what_rotations_and_scales_say(on: Tested) {
+fn covariances_match_rotations_and_scales(on: Tested) {
     let scene = random_scene(300, 2, 29);
     let s = settings(camera(60, 50), 2);
     let device = on.device.clone().autodiff();
@@ -85,7 +85,7 @@ fn covariances_say_what_rotations_and_scales_say(on: Tested) {
 }
 
 /// The image is that of the scene without the Gaussian, whose own gradient is zero.
-fn what_is_no_covariance_is_culled(on: Tested) {
+fn invalid_covariances_are_culled(on: Tested) {
     let s = settings(camera(40, 30), 1);
     let w = weights(40 * 30 * 4, 4);
     let clean = by_covariances(random_scene(40, 1, 23));
@@ -93,7 +93,7 @@ fn what_is_no_covariance_is_culled(on: Tested) {
     without.opacity_logits[3] = -1e4;
     let (expected, _) = common::gradients(&without, s, &w, &on.device);
     let (whole, _) = common::gradients(&clean, s, &w, &on.device);
-    assert_ne!(whole, expected, "the Gaussian is seen");
+    assert_ne!(whole, expected, "the Gaussian is visible");
     let (small, nan, infinite) = (0.01, f64::NAN, f64::INFINITY);
     for bad in [
         [-small, 0.0, 0.0, small, 0.0, small],
@@ -114,7 +114,10 @@ fn what_is_no_covariance_is_culled(on: Tested) {
         assert_eq!(image, expected, "{bad:?}");
         for ((name, _), of) in fields(&scene).iter().zip(&gradients) {
             assert!(of.iter().all(|v| v.is_finite()), "{bad:?}: {name}");
-            assert!(of[of.len() / 40 * 3..][..of.len() / 40].iter().all(|v| *v == 0.0), "{bad:?}: {name} of its own");
+            assert!(
+                of[of.len() / 40 * 3..][..of.len() / 40].iter().all(|v| *v == 0.0),
+                "{bad:?}: {name} of the culled Gaussian"
+            );
         }
     }
     // a point, a line and a disc are covariances
@@ -122,11 +125,11 @@ fn what_is_no_covariance_is_culled(on: Tested) {
         let mut scene = clean.clone();
         scene.covariances[18..24].copy_from_slice(&flat);
         let (image, gradients) = common::gradients(&scene, s, &w, &on.device);
-        assert_ne!(image, expected, "{flat:?} is not seen");
+        assert_ne!(image, expected, "{flat:?} is not visible");
         assert!(gradients.iter().flatten().all(|v| v.is_finite()));
     }
 }
 
 volseggs_testing::on_every_device!(
-    crate::common::open => covariances_say_what_rotations_and_scales_say, what_is_no_covariance_is_culled,
+    crate::common::open => covariances_match_rotations_and_scales, invalid_covariances_are_culled,
 );

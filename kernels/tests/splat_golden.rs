@@ -147,7 +147,7 @@ fn the_reference_reproduces_the_golden_gradients() {
 }
 
 fn image_and_alpha_match(on: Tested) {
-    let least = on.within(135.0, 95.0);
+    let minimum = on.within(135.0, 95.0);
     for name in ["sh0", "sh3", "edge"] {
         let g = load(name);
         for (kind, scene) in [("factored", g.scene.clone()), ("entries", by_covariances(g.scene.clone()))] {
@@ -157,14 +157,14 @@ fn image_and_alpha_match(on: Tested) {
             let alpha: Vec<f64> = g.transmittance.iter().map(|t| 1.0 - t).collect();
             let alpha_db = psnr(image.chunks_exact(4).map(|p| f64::from(p[3])), &alpha);
             println!("{name} {kind} on {}: rgb {db:.1} dB, alpha {alpha_db:.1} dB", on.name);
-            assert!(db > least && alpha_db > least, "{name} {kind}: rgb {db:.1} dB, alpha {alpha_db:.1} dB");
+            assert!(db > minimum && alpha_db > minimum, "{name} {kind}: rgb {db:.1} dB, alpha {alpha_db:.1} dB");
         }
     }
 }
 
 fn gradients_match(on: Tested) {
     // the CPU reaches 1.5e-6 in the worst of the 18, the rotations of `edge`
-    let most = on.within(3e-6, 2e-3);
+    let tolerance = on.within(3e-6, 2e-3);
     for name in ["sh0", "sh3", "edge"] {
         let g = load(name);
         let by_image: Vec<f32> = g.by_image().into_iter().map(|v| v as f32).collect();
@@ -178,7 +178,7 @@ fn gradients_match(on: Tested) {
                 let error = distance(ours, expected);
                 println!("{name} {kind} on {}: {what} {error:.2e}", on.name);
                 assert!(ours.iter().all(|v| v.is_finite()));
-                assert!(error < most, "{name} {kind}: {what} off by {error:.2e} of the norm");
+                assert!(error < tolerance, "{name} {kind}: {what} off by {error:.2e} of the norm");
             }
         }
     }

@@ -46,10 +46,10 @@ fn quotients(scene: &Scene, settings: &SplatSettings, cutoffs: Cutoffs, weights:
 fn worst(ours: &[f64], exact: &[f64]) -> f64 {
     assert_eq!(ours.len(), exact.len());
     let square = exact.iter().map(|v| v * v).sum::<f64>() / exact.len() as f64;
-    let most = ours.iter().zip(exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    assert!(square > 0.0, "a gradient that is zero tests nothing");
+    let largest = ours.iter().zip(exact).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(square > 0.0, "the exact gradient is zero, so nothing is tested");
     // NaN would be lost in a maximum
-    if ours.iter().all(|v| v.is_finite()) { most / square.sqrt() } else { f64::INFINITY }
+    if ours.iter().all(|v| v.is_finite()) { largest / square.sqrt() } else { f64::INFINITY }
 }
 
 /// Returns the position of Gaussian `i` in camera space.
@@ -87,7 +87,7 @@ fn with_everything(n: usize, degree: usize, seed: u64) -> Scene {
 }
 
 #[test]
-fn the_reference_has_the_gradient_of_the_image_without_cutoffs() {
+fn the_reference_gradient_matches_the_image_without_cutoffs() {
     for degree in 0..4 {
         for (seed, dilation) in [(1, DILATION), (2, 0.1), (3, 0.0)] {
             let scene = with_everything(12, degree, seed);
@@ -120,7 +120,7 @@ fn check(
     settings: SplatSettings,
     by_image: &[f64],
     mut exact: Scene,
-    least: f64,
+    tolerance: f64,
     what: &str,
 ) {
     let by_image: Vec<f32> = by_image.iter().map(|&v| v as f32).collect();
@@ -130,13 +130,13 @@ fn check(
         let ours: Vec<f64> = ours.iter().map(|&v| f64::from(v)).collect();
         let error = worst(&ours, field(&mut exact));
         println!("{what} {name} on {}: {error:.1e}", on.name);
-        assert!(error < least, "{what} {name}: off by {error:.1e}");
+        assert!(error < tolerance, "{what} {name}: off by {error:.1e}");
     }
 }
 
 /// Large, half-transparent Gaussians, all of them in every pixel: compared with difference quotients of the image with
 /// the op's cutoffs.
-fn where_no_cutoff_is_met_gradients_are_difference_quotients(on: Tested) {
+fn gradients_without_cutoffs_match_difference_quotients(on: Tested) {
     for degree in 0..4 {
         for (seed, dilation) in [(1, DILATION), (2, 0.1), (3, 0.0)] {
             let mut scene = random_scene(8, degree, seed);
@@ -158,7 +158,7 @@ fn where_no_cutoff_is_met_gradients_are_difference_quotients(on: Tested) {
 }
 
 /// Small Gaussians that end within the image, pixels that saturate, alpha above its clamp.
-fn with_cutoffs_gradients_are_those_of_the_reference(on: Tested) {
+fn gradients_with_cutoffs_match_the_reference(on: Tested) {
     for degree in 0..4 {
         for (seed, opaque, dilation) in [(1, 0.0, DILATION), (2, 0.0, 0.1), (3, 4.0, DILATION), (4, 4.0, 0.1)] {
             let mut scene = with_everything(60, degree, seed);
@@ -187,6 +187,6 @@ fn with_cutoffs_gradients_are_those_of_the_reference(on: Tested) {
 
 volseggs_testing::on_every_device!(
     crate::common::open =>
-    where_no_cutoff_is_met_gradients_are_difference_quotients,
-    with_cutoffs_gradients_are_those_of_the_reference,
+    gradients_without_cutoffs_match_difference_quotients,
+    gradients_with_cutoffs_match_the_reference,
 );

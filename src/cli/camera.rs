@@ -34,7 +34,7 @@ impl ViewArgs {
         let Some(view) = &self.view else { return Ok(self.camera.map(ViewChoice::At)) };
         if view.bytes().all(|b| b.is_ascii_digit()) {
             let wrong =
-                |_| CliError::input(format!("--view {view}: is no number of a test view, and no name of a file"));
+                |_| CliError::input(format!("--view {view}: neither the number of a test view nor the name of a file"));
             return view.parse().map(|n| Some(ViewChoice::Test(n))).map_err(wrong);
         }
         let (name, saved) = match view.starts_with('{') {
@@ -43,9 +43,7 @@ impl ViewArgs {
         };
         let saved = saved.map_err(|e| match Path::new(view).exists() || view.starts_with('{') {
             true => e.into(),
-            false => {
-                CliError::input(format!("--view {view}: is neither a number of a test view nor a file that is there"))
-            }
+            false => CliError::input(format!("--view {view}: neither the number of a test view nor an existing file")),
         })?;
         let saved = Box::new(match self.size {
             Some(width) => saved.sized(width)?,

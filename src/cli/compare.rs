@@ -9,7 +9,7 @@ use std::path::PathBuf;
 /// Compare runs: a table over seeds, learning curves, pictures with error maps.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs compare checkpoints/l1 checkpoints/l2\n  volseggs compare checkpoints/*-seed? --metrics psnr,ssim,fps --out comparison\n\nRuns must have been evaluated (`volseggs eval RUN`). Runs that differ in the seed alone are one row, with mean and\ndeviation; differences are to the first run."
+    after_help = "Examples:\n  volseggs compare checkpoints/l1 checkpoints/l2\n  volseggs compare checkpoints/*-seed? --metrics psnr,ssim,fps --out comparison\n\nRuns must have been evaluated (`volseggs eval RUN`). Runs that differ only in the seed share a row, with mean and\ndeviation; differences are relative to the first run."
 )]
 pub struct CompareArgs {
     /// Folders of runs; the first is the baseline.

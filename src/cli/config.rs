@@ -5,7 +5,7 @@ use crate::config::layers::{ConfigError, Layers, Resolved, file_schema};
 use crate::config::legacy::implied;
 use crate::config::types::Config;
 use crate::config::{PRESETS, RESERVED_VARIABLES};
-use crate::files::is_mendable;
+use crate::files::is_user_error;
 use crate::method;
 use clap::{Args, Subcommand};
 use std::path::Path;
@@ -44,7 +44,7 @@ impl ConfigSource {
         let resolved = layers.sets(self.set.iter().cloned()).resolve::<Config>()?;
         match &self.method {
             Some(name) if *name != resolved.value.method => Err(CliError::input(format!(
-                "--method {name}: the rest of the configuration is of the method {}; leave one of them out",
+                "--method {name}: the rest of the configuration is for the method {}; omit one of the two",
                 resolved.value.method
             ))),
             _ => Ok(resolved),
@@ -61,7 +61,7 @@ impl ConfigSource {
         }
         if !run_config.is_file() {
             return Err(CliError::input(format!(
-                "{}: not there; give the folder that `volseggs train --out` made",
+                "{}: not found; give the folder that `volseggs train --out` made",
                 run_config.display()
             )));
         }
@@ -117,7 +117,7 @@ impl ConfigArgs {
 impl From<ConfigError> for CliError {
     fn from(error: ConfigError) -> Self {
         match &error {
-            ConfigError::Read { source, .. } if !is_mendable(source) => Self::failure(error),
+            ConfigError::Read { source, .. } if !is_user_error(source) => Self::failure(error),
             _ => Self::input(error),
         }
     }

@@ -12,7 +12,7 @@ use std::time::Instant;
 /// Run the whole pipeline on a built-in scene, in minutes: prepare, train, evaluate and write a report.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs demo\n  volseggs demo --scene vortices --out checkpoints/vortices\n  volseggs demo --set stages.joint_steps=6000 --out checkpoints/longer\n\nStopped with Ctrl-C, the same command goes on where it was."
+    after_help = "Examples:\n  volseggs demo\n  volseggs demo --scene vortices --out checkpoints/vortices\n  volseggs demo --set stages.joint_steps=6000 --out checkpoints/longer\n\nAfter Ctrl-C, the same command resumes where it stopped."
 )]
 pub struct DemoArgs {
     /// Folder for the dataset, the run and report.html.
@@ -50,8 +50,8 @@ impl DemoArgs {
         })?;
         let s = &outcome.evaluation.summary;
         errln!(
-            "PSNR {:.2} dB, SSIM {:.4} on {} test views, {:.0} s in all\nopen {} in a browser; fly through it with \
-             `volseggs view {}`",
+            "PSNR {:.2} dB, SSIM {:.4} on {} test views, {:.0} s in total\nopen {} in a browser; fly through the \
+             scene with `volseggs view {}`",
             s.psnr,
             s.ssim,
             s.views,

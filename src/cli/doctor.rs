@@ -105,19 +105,19 @@ impl DoctorArgs {
                 let mb = *bytes as f64 / 1e6;
                 outln!("build {digest}: XXH3-128 of {} ({mb:.1} MB, read in {milliseconds:.0} ms)", file.display());
             }
-            Err(error) => outln!("build not known: {error}"),
+            Err(error) => outln!("build unknown: {error}"),
         }
         for (i, d) in report.devices.iter().enumerate() {
             let default = if i == 0 { " (default)" } else { "" };
             outln!("device {}{default}: {}", d.name, d.description);
             if let Some(problem) = &d.problem {
-                outln!("  not on this machine: {problem}");
+                outln!("  unavailable on this machine: {problem}");
             }
             if let Some(g) = &d.gpu {
                 outln!("  {} ({})", g.adapter, g.runtime);
                 let (gb, kib) = (g.max_buffer_bytes as f64 / 1e9, g.shared_memory_bytes / 1024);
                 outln!(
-                    "  buffers up to {gb:.1} GB, {kib} KiB shared memory, {} units, planes of {} to {} (not needed)",
+                    "  buffers up to {gb:.1} GB, {kib} KiB shared memory, {} units, planes of {} to {} (not required)",
                     g.max_units,
                     g.plane[0],
                     g.plane[1]
@@ -129,7 +129,7 @@ impl DoctorArgs {
                 );
             }
         }
-        outln!("kernels: {}, {} threads (RAYON_NUM_THREADS sets them)", report.simd, report.threads);
+        outln!("kernels: {}, {} threads (change with RAYON_NUM_THREADS)", report.simd, report.threads);
         if let (Some(total), Some(free)) = (report.memory_total_bytes, report.memory_available_bytes) {
             outln!("memory: {:.1} GB, {:.1} GB available", total as f64 / 1e9, free as f64 / 1e9);
         }

@@ -99,7 +99,7 @@ mod tests {
     use std::path::Path;
 
     #[test]
-    fn what_the_user_can_mend_of_a_volume_is_2_and_what_the_system_refused_is_1() {
+    fn volume_errors_that_users_can_fix_are_2_and_system_errors_are_1() {
         let path = Path::new("a.nrrd");
         let io = |kind: ErrorKind| VolumeError::io(path, "open the file", kind.into(), "check it");
         for (error, code) in [

@@ -19,7 +19,7 @@ use std::path::PathBuf;
 /// Evaluate a run on a split: PSNR, SSIM, LPIPS, frames per second, size.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs eval checkpoints/first\n  volseggs eval checkpoints/first --split train --views 50 --json\n  volseggs eval checkpoints/first --lpips-weights lpips_alex.safetensors --lpips-weights lpips_vgg.safetensors\n  volseggs eval checkpoints/first --segments                    # segmentation and tracking against known segments\n  volseggs eval checkpoints/first --segments --masks labels --methods fine,coarse+fine\n  volseggs eval checkpoints/first --segments --score tubes=tube-a+tube-b    # two known segments as one\n\nWrites RUN/eval/SPLIT/: views.csv, mean.json, contact-sheet.png, psnr-over-time.svg; with --segments RUN/eval/segments/:\ntable.md, segments.csv, tracking.csv, volumes.csv, segments.json, segments.png, iou-3d-METHOD.svg, iou-METHOD.svg.\nResults on another dataset than the run's own (--data) go to folders of their own, RUN/eval/SPLIT-NAME/."
+    after_help = "Examples:\n  volseggs eval checkpoints/first\n  volseggs eval checkpoints/first --split train --views 50 --json\n  volseggs eval checkpoints/first --lpips-weights lpips_alex.safetensors --lpips-weights lpips_vgg.safetensors\n  volseggs eval checkpoints/first --segments                    # segmentation and tracking against known segments\n  volseggs eval checkpoints/first --segments --masks labels --methods fine,coarse+fine\n  volseggs eval checkpoints/first --segments --score tubes=tube-a+tube-b    # two known segments as one\n\nWrites RUN/eval/SPLIT/: views.csv, mean.json, contact-sheet.png, psnr-over-time.svg; with --segments RUN/eval/segments/:\ntable.md, segments.csv, tracking.csv, volumes.csv, segments.json, segments.png, iou-3d-METHOD.svg, iou-METHOD.svg.\nResults on a dataset other than the run's own (--data) go to separate folders, RUN/eval/SPLIT-NAME/."
 )]
 pub struct EvalArgs {
     /// Folder of the run.
@@ -56,7 +56,7 @@ impl EvalArgs {
             let mut given = self.lpips_weights.iter().zip(&networks);
             if let Some((path, _)) = given.find(|(_, network)| network.net() != LpipsNet::Alex) {
                 return Err(CliError::input(format!(
-                    "--lpips-weights {}: of VGG-16, and --segments measures LPIPS with AlexNet alone; leave it out",
+                    "--lpips-weights {}: weights of VGG-16, but --segments measures LPIPS with AlexNet only; omit them",
                     path.display()
                 )));
             }
@@ -66,7 +66,7 @@ impl EvalArgs {
         if !run.config.data.only_times.is_empty() {
             let times: Vec<String> = split.times().iter().map(|t| format!("{t:.3}")).collect();
             errln!(
-                "note: data.only_times: measured on the views nearest to the times trained on, at {}",
+                "note: data.only_times: measured on the views nearest to the training times, at {}",
                 times.join(", ")
             );
         }
@@ -88,15 +88,15 @@ impl EvalArgs {
         outln!("SSIM           {:.4} (RGB, Gaussian window)   {:.4} (grey, 7x7)", s.ssim, s.ssim_gray);
         outln!("LPIPS          {} (AlexNet)   {} (VGG-16)", lpips(s.lpips_alex), lpips(s.lpips_vgg));
         if self.lpips_weights.is_empty() {
-            errln!("note: LPIPS needs --lpips-weights; `volseggs lpips --help` says where they come from");
+            errln!("note: LPIPS needs --lpips-weights; `volseggs lpips --help` says where to get them");
         }
         for (name, value) in &s.extra {
             outln!("{name:<14} {value:.4}");
         }
         print_diagnosis(s);
         let fps = s.speed.fps.map_or("-".to_owned(), |fps| format!("{fps:.1}"));
-        let drawn = if s.gaussians > 0 { "deformation and splatting" } else { "all that drawing takes" };
-        outln!("frames/second  {fps} ({} frames): {drawn}, anew for each frame", s.speed.fps_frames);
+        let drawn = if s.gaussians > 0 { "deformation and splatting" } else { "everything that drawing takes" };
+        outln!("frames/second  {fps} ({} frames): {drawn}, repeated for each frame", s.speed.fps_frames);
         outln!("               {:.1} with the copy of each image to the host", s.speed.fps_with_copy);
         outln!("training       {:.1} min", s.training_seconds / 60.0);
         let bytes = s.model_bytes as f64;
@@ -110,7 +110,7 @@ impl EvalArgs {
         for note in &s.notes {
             outln!("note: {note}");
         }
-        errln!("per view, pictures: {}", folder.display());
+        errln!("results by view, and pictures: {}", folder.display());
         Ok(())
     }
 }

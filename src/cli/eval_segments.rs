@@ -102,7 +102,7 @@ pub(super) struct SegmentFlags {
 }
 
 /// Bytes per point of the grid of prompts.
-const POINT: usize = 64;
+const POINT_BYTES: usize = 64;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Masks {
@@ -125,18 +125,18 @@ impl SegmentFlags {
         json: bool,
     ) -> Result<(), CliError> {
         if self.mask_alpha == Some(0.0) {
-            return Err(CliError::input("--mask-alpha 0: above 0, up to 1"));
+            return Err(CliError::input("--mask-alpha 0: must be above 0, at most 1"));
         }
         let views = product(&[self.mask_views, 4 * size_of::<Camera>()]);
         Budget::now().check(format!("--mask-views {}", self.mask_views), views).map_err(CliError::input)?;
         if self.masks == Masks::Sam {
             let side = self.sam_points();
-            let points = product(&[side, side, POINT]);
+            let points = product(&[side, side, POINT_BYTES]);
             Budget::now().check(format!("--sam-points {side}"), points).map_err(CliError::input)?;
         }
         let gaussians = run.scene.gaussians.count();
         if let Some(k) = self.clusters.filter(|k| *k > gaussians) {
-            return Err(CliError::input(format!("--clusters {k}: the scene has {gaussians} Gaussians")));
+            return Err(CliError::input(format!("--clusters {k}: the scene has only {gaussians} Gaussians")));
         }
         let masks = self.kind()?;
         let root = data.unwrap_or(&run.record.dataset);
@@ -144,11 +144,14 @@ impl SegmentFlags {
         let known = |name: &String| truth.file.segments.iter().any(|s| s.name == *name);
         if let Some(name) = self.only.iter().find(|n| !known(n)) {
             let names: Vec<&str> = truth.file.segments.iter().map(|s| s.name.as_str()).collect();
-            return Err(CliError::input(format!("--only {name}: the dataset knows {}", names.join(", "))));
+            return Err(CliError::input(format!(
+                "--only {name}: no known segment has this name; available: {}",
+                names.join(", ")
+            )));
         }
         let options = self.options(masks);
         if let Some(folder) = &self.mask_pictures {
-            return hand_out(run, &truth, &options, folder);
+            return write_pictures(run, &truth, &options, folder);
         }
         let on = MeasuredOn::open(run, data)?;
         let what = match &options.masks {
@@ -206,7 +209,7 @@ impl SegmentFlags {
             (self.sam_points.is_some(), "--sam-points", Masks::Sam, "sam"),
         ] {
             if given && self.masks != of {
-                return Err(CliError::input(format!("{option} is for --masks {name}")));
+                return Err(CliError::input(format!("{option}: only for --masks {name}")));
             }
         }
         Ok(match self.masks {
@@ -236,10 +239,10 @@ fn eval_error(error: SegmentEvalError) -> CliError {
 }
 
 /// Writes the pictures for another program.
-fn hand_out(run: &OpenRun, truth: &Truth, options: &SegmentOptions, folder: &Path) -> Result<(), CliError> {
+fn write_pictures(run: &OpenRun, truth: &Truth, options: &SegmentOptions, folder: &Path) -> Result<(), CliError> {
     if folder.exists() {
         return Err(CliError::input(format!(
-            "--mask-pictures {}: it is there already; give a folder that is not",
+            "--mask-pictures {}: already exists; give a new folder",
             folder.display()
         )));
     }

@@ -41,7 +41,9 @@ impl InspectArgs {
         if let Some(picture) = &self.picture {
             if picture.extension().is_none_or(|e| !e.eq_ignore_ascii_case("png")) {
                 let picture = picture.display();
-                return Err(CliError::input(format!("--picture {picture}: is written as PNG; end the name in .png")));
+                return Err(CliError::input(format!(
+                    "--picture {picture}: pictures are written as PNG; use a name that ends in .png"
+                )));
             }
             check_file(picture)?;
         }
@@ -51,10 +53,10 @@ impl InspectArgs {
             self.dataset()
         } else if RunPaths(&self.path).record().is_file() || !checkpoint::list(&self.path).is_empty() {
             // a run that was stopped at step 0 has a record, and no checkpoint yet
-            self.refuse_those_of_volumes()?;
+            self.refuse_volume_options()?;
             self.run_folder()
         } else if extension == Some("ply") {
-            self.refuse_those_of_volumes()?;
+            self.refuse_volume_options()?;
             let ply = ply::read(&self.path).map_err(CliError::input)?;
             let damaged = (0..ply.len()).filter(|i| !ply.is_finite(*i)).count();
             self.show(
@@ -67,7 +69,7 @@ impl InspectArgs {
                 }
             }
         } else if extension == Some("safetensors") {
-            self.refuse_those_of_volumes()?;
+            self.refuse_volume_options()?;
             self.tensors(&self.path)
         } else if is_volume(&self.path) {
             inspect_volume(&self.path, self.transfer_function.as_deref(), self.picture.as_deref(), self.json)
@@ -79,14 +81,14 @@ impl InspectArgs {
         }
     }
 
-    fn refuse_those_of_volumes(&self) -> Result<(), CliError> {
+    fn refuse_volume_options(&self) -> Result<(), CliError> {
         self.refuse("--transfer-function", self.transfer_function.is_some())?;
         self.refuse("--picture", self.picture.is_some())
     }
 
     fn refuse(&self, flag: &str, given: bool) -> Result<(), CliError> {
         let path = self.path.display();
-        if given { Err(CliError::input(format!("{flag}: {path} is no volume; leave it out"))) } else { Ok(()) }
+        if given { Err(CliError::input(format!("{flag}: {path} is not a volume; omit the option"))) } else { Ok(()) }
     }
 
     fn dataset(&self) -> Result<(), CliError> {

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// Make the weights file for `eval --lpips-weights` from the published files.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "LPIPS compares images by the features of a network: a backbone, trained on photographs, and heads\nthat weigh its features. Both are published, and neither is a part of this program.\n\nBackbones, of torchvision:\n  AlexNet  https://download.pytorch.org/models/alexnet-owt-7be5be79.pth  (244 MB)\n  VGG-16   https://download.pytorch.org/models/vgg16-397923af.pth        (553 MB)\nHeads, version 0.1: lpips/weights/v0.1/alex.pth and vgg.pth\n  of https://github.com/richzhang/PerceptualSimilarity, or of the PyPI package:\n  pip download --no-deps lpips && unzip -j lpips-*.whl 'lpips/weights/v0.1/*'\n\nExamples:\n  volseggs lpips --backbone alexnet-owt-7be5be79.pth --heads alex.pth --out lpips_alex.safetensors\n  volseggs lpips --backbone vgg16-397923af.pth --heads vgg.pth --out lpips_vgg.safetensors\n  volseggs eval checkpoints/first --lpips-weights lpips_alex.safetensors\n\nSafetensors of the same names are read too. Nothing in the files is run."
+    after_help = "LPIPS compares images by the features of a network: a backbone, trained on photographs, and heads\nthat weight its features. Both are published, and neither is part of this program.\n\nBackbones, from torchvision:\n  AlexNet  https://download.pytorch.org/models/alexnet-owt-7be5be79.pth  (244 MB)\n  VGG-16   https://download.pytorch.org/models/vgg16-397923af.pth        (553 MB)\nHeads, version 0.1: lpips/weights/v0.1/alex.pth and vgg.pth\n  from https://github.com/richzhang/PerceptualSimilarity, or from the PyPI package:\n  pip download --no-deps lpips && unzip -j lpips-*.whl 'lpips/weights/v0.1/*'\n\nExamples:\n  volseggs lpips --backbone alexnet-owt-7be5be79.pth --heads alex.pth --out lpips_alex.safetensors\n  volseggs lpips --backbone vgg16-397923af.pth --heads vgg.pth --out lpips_vgg.safetensors\n  volseggs eval checkpoints/first --lpips-weights lpips_alex.safetensors\n\nSafetensors files with the same tensor names are also accepted. No code in the files is executed."
 )]
 pub struct LpipsArgs {
     /// Backbone: the state dict of torchvision's AlexNet or VGG-16 (recognised automatically).
@@ -38,7 +38,7 @@ impl LpipsArgs {
         let made = convert(&self.backbone, &self.heads, &self.out)?;
         for input in [&made.backbone, &made.heads].into_iter().filter(|i| !i.published) {
             errln!(
-                "note: {} is not the published file (its SHA-256 begins {}); its values are taken as they are",
+                "note: {} is not the published file (its SHA-256 begins {}); its values are used as they are",
                 input.file.display(),
                 input.sha256
             );

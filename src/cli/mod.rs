@@ -114,7 +114,7 @@ fn command_line() -> String {
 }
 
 /// Signals within this time count as one request: `timeout` and batch systems signal both a process and its group.
-const ONE_ASKING: Duration = Duration::from_secs(1);
+const ONE_REQUEST: Duration = Duration::from_secs(1);
 
 /// Returns a flag that is raised by Ctrl-C, SIGTERM or a closed terminal (SIGHUP), which prints `message`; another
 /// request after that ends the program at once.
@@ -135,7 +135,7 @@ fn flag(message: &'static str, hasty: bool) -> Result<Arc<AtomicBool>, CliError>
     ctrlc::set_handler(move || {
         flag.store(true, Ordering::Relaxed);
         match first {
-            Some(first) if hasty && first.elapsed() > ONE_ASKING => std::process::exit(1),
+            Some(first) if hasty && first.elapsed() > ONE_REQUEST => std::process::exit(1),
             Some(_) => {}
             None => {
                 first = Some(Instant::now());

@@ -10,7 +10,7 @@ use std::path::PathBuf;
 /// Write a small copy of a run, with its scene in 8 and 16 bits, for keeping or sharing.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs pack checkpoints/first --out first-small\n  volseggs eval first-small            # what the rounding costs\n  volseggs view first-small\n\nThe copy has the newest scene, the segments, the affinity field and the edits. Every command works on it as on the run, but that it cannot be trained on: what only training needs is left out. Attributes of Gaussians are in fixed point with ranges of their own, positions in 16 bits and all others in 8; the field is in half precision."
+    after_help = "Examples:\n  volseggs pack checkpoints/first --out first-small\n  volseggs eval first-small            # the cost of rounding\n  volseggs view first-small\n\nThe copy has the newest scene, the segments, the affinity field and the edits. Every command works on it as on the run, except that it cannot be trained further: data that only training needs is omitted. Attributes of Gaussians are in fixed point, each with its own range: positions in 16 bits, all others in 8. The field is in half precision."
 )]
 pub struct PackArgs {
     /// Folder of the run.
@@ -36,7 +36,7 @@ impl PackArgs {
             packed.gaussians,
             100.0 * after / before
         );
-        errln!("what the rounding costs: volseggs eval {}", shell::path(&packed.run));
+        errln!("to measure the cost of rounding: volseggs eval {}", shell::path(&packed.run));
         Ok(())
     }
 }

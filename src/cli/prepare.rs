@@ -27,7 +27,7 @@ const LINE_EVERY: Duration = Duration::from_secs(10);
 /// Render a time-varying volume into a dataset: images, cameras, and segments if labels are known.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs prepare --volume 'run/*.nrrd' --transfer-function fire --out data/run\n  volseggs prepare --volume u8.raw --transfer-function my.toml --size 400 --views 12 --out data/one\n  volseggs prepare --volume v.vti --labels l.vti --label-names 1=core,2=shell --out data/labelled\n  volseggs prepare --volume 'run/*.nrrd' --components 0.6 --out data/parts\n  volseggs prepare --synthetic vortices --size 400 --out data/vortices\n\nVolumes: .raw/.bin/.dat (with a .toml or .json beside: dims, type), .nrrd/.nhdr, .vti, .nii/.nii.gz, .npy.\nThe defaults are the paper's: 600 views of 800x800 on a Fibonacci sphere at 30 times, 181 test views on a spiral."
+    after_help = "Examples:\n  volseggs prepare --volume 'run/*.nrrd' --transfer-function fire --out data/run\n  volseggs prepare --volume u8.raw --transfer-function my.toml --size 400 --views 12 --out data/one\n  volseggs prepare --volume v.vti --labels l.vti --label-names 1=core,2=shell --out data/labelled\n  volseggs prepare --volume 'run/*.nrrd' --components 0.6 --out data/parts\n  volseggs prepare --synthetic vortices --size 400 --out data/vortices\n\nVolumes: .raw/.bin/.dat (with a .toml or .json beside it: dims, type), .nrrd/.nhdr, .vti, .nii/.nii.gz, .npy.\nThe defaults are the paper's: 600 views of 800x800 on a Fibonacci sphere at 30 times, 181 test views on a spiral."
 )]
 pub struct PrepareArgs {
     /// Volume files in order of time, a folder, a glob in quotes, or one 4D file.
@@ -179,7 +179,7 @@ impl PrepareArgs {
             let times: Vec<String> = record.empty_times.iter().take(8).map(|t| format!("{t:.3}")).collect();
             let more = if record.empty_times.len() > times.len() { ", ..." } else { "" };
             errln!(
-                "note: at {} of the times that training sees nothing shows in any training image: {}{more}",
+                "note: at {} of the training times, nothing is visible in any training image: {}{more}",
                 record.empty_times.len(),
                 times.join(", ")
             );
@@ -202,7 +202,7 @@ impl PrepareArgs {
         } else if self.labels.is_empty() {
             if let Some((id, name)) = self.label_names.last() {
                 return Err(CliError::input(format!(
-                    "--label-names: label {id}={name}: there are no labels that could have names; give --labels"
+                    "--label-names: label {id}={name}: there are no labels to name; give --labels"
                 )));
             }
             FileLabels::None
@@ -210,7 +210,7 @@ impl PrepareArgs {
             let labels = Series::open(&self.labels, &options)?;
             if labels.len() != series.len() || labels.grid().dims != series.grid().dims {
                 return Err(CliError::input(format!(
-                    "--labels: {} steps of {:?} voxels, the volumes have {} of {:?}; give labels of the same shape",
+                    "--labels: {} steps of {:?} voxels, but the volumes have {} of {:?}; give labels of the same shape",
                     labels.len(),
                     labels.grid().dims,
                     series.len(),
@@ -227,7 +227,7 @@ impl PrepareArgs {
             (Some(spec), _) => TransferFunction::load(spec)?,
             (None, Some(scene)) => scene.transfer_function().map_err(CliError::failure)?,
             (None, None) => {
-                errln!("note: no --transfer-function, the preset `ramp` is used");
+                errln!("note: without --transfer-function, the preset `ramp` is used");
                 TransferFunction::load("ramp")?
             }
         };
@@ -300,7 +300,7 @@ fn sample_step(text: &str) -> Result<f64, String> {
 
 fn whole(text: &str, range: std::ops::RangeInclusive<usize>, what: &str) -> Result<usize, String> {
     let found = text.trim().parse::<usize>().ok().filter(|n| range.contains(n));
-    found.ok_or_else(|| format!("a number of {what} from {} to {}", range.start(), range.end()))
+    found.ok_or_else(|| format!("expected a number of {what} from {} to {}", range.start(), range.end()))
 }
 
 fn dims(text: &str) -> Result<usize, String> {
@@ -348,7 +348,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_log_has_a_line_now_and_then_and_one_at_the_end() {
+    fn progress_lines_come_at_intervals_and_at_the_end() {
         let seldom = Lines::new(3, Duration::from_secs(3600));
         assert_eq!([1, 2].map(|n| seldom.line(n)), [None, None]);
         assert!(seldom.line(3).unwrap().starts_with("3/3 images"));
@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_rendered_is_no_argument() {
+    fn values_that_cannot_be_rendered_are_refused() {
         for bad in ["0", "200", "nan", "-3", "x"] {
             assert!(fov(bad).is_err() && bias_angle(bad).is_err(), "{bad}");
         }

@@ -4,7 +4,7 @@ use super::CliError;
 use super::values::{count, finite_f32, not_negative_f32, positive_f32};
 use crate::memory::{Budget, product};
 use crate::prepare::{FileLabels, SegmentSteps};
-use crate::volume::components::{PartOptions, PartsError, SMALLEST, VOXEL_BYTES};
+use crate::volume::components::{DEFAULT_MIN_VOXELS, PartOptions, PartsError, VOXEL_BYTES};
 use crate::volume::series::Series;
 use crate::volume::transfer::Lighting;
 use clap::Args;
@@ -48,7 +48,7 @@ pub(super) struct ComponentArgs {
     )]
     components: Option<f32>,
     /// Minimum number of voxels of a component; smaller ones are not segments.
-    #[arg(long, default_value_t = SMALLEST, value_name = "VOXELS", value_parser = count, requires = "components")]
+    #[arg(long, default_value_t = DEFAULT_MIN_VOXELS, value_name = "VOXELS", value_parser = count, requires = "components")]
     smallest_component: usize,
 }
 
@@ -76,7 +76,7 @@ pub(super) fn segment_steps(text: &str) -> Result<SegmentSteps, String> {
     }
     let steps = text.split(',').map(|step| step.trim().parse::<usize>());
     let steps = steps.collect::<Result<Vec<_>, _>>();
-    steps.map(SegmentSteps::These).map_err(|_| "steps from 0 with commas between them, or own".to_owned())
+    steps.map(SegmentSteps::These).map_err(|_| "expected steps from 0, separated by commas, or own".to_owned())
 }
 
 #[cfg(test)]

@@ -17,7 +17,7 @@ use std::time::Instant;
 /// Measure the cost of drawing: ray casting the volumes that a run's images were made from, compared with the run.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs raycast checkpoints/first --volume 'run/*.nrrd'\n  volseggs raycast checkpoints/first --volume run --steps 10 --views 50 --json\n\nPrints a table: size of the data, memory, time before anything is drawn, time of loading a step, time of a view. Views are\nthose of the dataset's test split, drawn as `prepare` drew them. Each side has a process of its own. Steps are read from\nthe disk, not from what the system remembers of it, where it allows that (Linux); volumes are drawn on the CPU whatever\nthe device, and memory of a GPU is not counted."
+    after_help = "Examples:\n  volseggs raycast checkpoints/first --volume 'run/*.nrrd'\n  volseggs raycast checkpoints/first --volume run --steps 10 --views 50 --json\n\nPrints a table: size of the data, memory, time before anything is drawn, time to load a step, time to draw a view. Views are\nthose of the dataset's test split, drawn as `prepare` drew them. Each side runs in its own process. Steps are read from\ndisk, bypassing the system's cache where that is possible (Linux). Volumes are drawn on the CPU, whatever the device, and\nGPU memory is not counted."
 )]
 pub struct RaycastArgs {
     /// Folder of the run.
@@ -84,9 +84,9 @@ fn volumes_alone(downscale: u32) -> Result<VolumeCosts, CliError> {
     command.args(std::env::args_os().skip(1)).args(["--volumes-alone", &downscale.to_string()]);
     let output = command.stdin(Stdio::null()).output().map_err(CliError::failure)?;
     if !output.status.success() {
-        let told = String::from_utf8_lossy(&output.stderr);
+        let message = String::from_utf8_lossy(&output.stderr);
         let code = output.status.code().and_then(|code| u8::try_from(code).ok()).unwrap_or(1);
-        return Err(CliError::with_code(told.trim().trim_start_matches("error: "), code));
+        return Err(CliError::with_code(message.trim().trim_start_matches("error: "), code));
     }
     serde_json::from_slice(&output.stdout).map_err(CliError::failure)
 }

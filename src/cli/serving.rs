@@ -62,7 +62,7 @@ impl From<ViewError> for CliError {
 /// Prints what a user has to know besides the address.
 pub(super) fn explain(serving: &Serving, end: &str) {
     if !serving.address.ip().is_loopback() {
-        errln!("note: other machines can reach this address, and what they send is not encrypted");
+        errln!("note: other machines can reach this address, and connections are not encrypted");
     }
     if let Some(line) = forwarding(serving) {
         errln!("on your own machine: {line}");

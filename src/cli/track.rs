@@ -19,7 +19,7 @@ use std::path::PathBuf;
 /// Track segments through time: statistics, events, pictures.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs track RUN --segment red.1\n  volseggs track RUN --segment red.1 --segment red.2 --group pair\n  volseggs track RUN --segment red --from 0.5 --to 0     # backward\n  volseggs track RUN --segment red --at 0.1 --at 0.4 --renders --view 3\n\nWrites RUN/track/NAME/: statistics.csv and .json, events.csv, tracks.csv, over-time.svg, velocity-over-time.svg, times.png;\nwith --renders also renders/NNN.png and masks/NNN.png, the segment alone at each time.\nprojected_area is the number of pixels of the mask, projected_share their share of the picture.\nThe edits of the run apply to pictures, masks and projected areas; all else is measured on the scene as trained."
+    after_help = "Examples:\n  volseggs track RUN --segment red.1\n  volseggs track RUN --segment red.1 --segment red.2 --group pair\n  volseggs track RUN --segment red --from 0.5 --to 0     # backward\n  volseggs track RUN --segment red --at 0.1 --at 0.4 --renders --view 3\n\nWrites RUN/track/NAME/: statistics.csv and .json, events.csv, tracks.csv, over-time.svg, velocity-over-time.svg, times.png;\nwith --renders also renders/NNN.png and masks/NNN.png, the segment alone at each time.\nprojected_area is the number of pixels of the mask, projected_share their share of the picture.\nThe edits of the run apply to pictures, masks and projected areas; everything else is measured on the scene as trained."
 )]
 pub struct TrackArgs {
     /// Folder of the run.
@@ -75,13 +75,13 @@ impl TrackArgs {
             edited: !self.no_edits,
             pictures: PictureOptions { keep: self.renders, mask_alpha: self.mask_alpha },
         };
-        let followed = progress::bar(times.count(), "times followed");
+        let tracked = progress::bar(times.count(), "times tracked");
         let drawn = progress::bar(times.count(), "times drawn");
         let found = follow(&run, &request, &device, |stage| {
             match stage {
-                Stage::Followed => followed.inc(1),
+                Stage::Followed => tracked.inc(1),
                 Stage::Drawn => {
-                    followed.finish_and_clear();
+                    tracked.finish_and_clear();
                     drawn.inc(1);
                 }
             }
@@ -138,10 +138,10 @@ impl TrackArgs {
 /// Parses a number of times that can be tracked.
 fn frames(text: &str) -> Result<usize, String> {
     let found = text.trim().parse::<usize>().ok().filter(|n| *n >= 2);
-    found.ok_or_else(|| "a whole number, at least 2; or give a time with --at".to_owned())
+    found.ok_or_else(|| "expected a whole number, at least 2; or give a time with --at".to_owned())
 }
 
 /// Parses the minimum alpha of a mask's pixels.
 fn mask_alpha(text: &str) -> Result<f32, String> {
-    positive_f32(text).ok().filter(|v| *v <= 1.0).ok_or_else(|| "a number above 0, at most 1".to_owned())
+    positive_f32(text).ok().filter(|v| *v <= 1.0).ok_or_else(|| "expected a number above 0, at most 1".to_owned())
 }

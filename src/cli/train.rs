@@ -7,7 +7,7 @@ use crate::files::RunPaths;
 use crate::method;
 use crate::shell;
 #[cfg(not(feature = "view"))]
-use crate::train::observer::Nobody;
+use crate::train::observer::NoObserver;
 use crate::train::observer::Observer;
 use crate::train::run::{RunOptions, RunOutcome, RunRecord, Start, lock};
 use crate::train::{checkpoint, open_dataset};
@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 #[cfg(feature = "view")]
 macro_rules! watching {
     () => {
-        "  volseggs train --data DATASET --config quick --out checkpoints/first --view   # and look on in a browser\n"
+        "  volseggs train --data DATASET --config quick --out checkpoints/first --view   # and watch in a browser\n"
     };
 }
 #[cfg(not(feature = "view"))]
@@ -31,7 +31,7 @@ macro_rules! watching {
 /// Train a scene from posed, timed images, with this project's method or another one.
 #[derive(Debug, Args)]
 #[command(
-    after_help = concat!("Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --resume checkpoints/first                                  # go on\n  volseggs train --resume checkpoints/first --set stages.joint_steps=40000   # train longer\n", watching!(), "\nCtrl-C saves a checkpoint; --resume goes on from the newest one with the same result as if nothing had happened.\nOn resuming, output.* and optim.average may change, and stages.joint_steps may grow: rates then follow the new length from there on.")
+    after_help = concat!("Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --resume checkpoints/first                                  # resume\n  volseggs train --resume checkpoints/first --set stages.joint_steps=40000   # train longer\n", watching!(), "\nCtrl-C saves a checkpoint; --resume continues from the newest one, with the same result as an uninterrupted training.\nOn resuming, output.* and optim.average may change, and stages.joint_steps may increase: learning rates then follow the new length from there on.")
 )]
 pub struct TrainArgs {
     /// Dataset folder with transforms_train.json (and transforms_test.json for live test PSNR).
@@ -99,8 +99,8 @@ impl TrainArgs {
         #[cfg(feature = "view")]
         let outcome = self.watch.train(listening, &device, self.common.json, train)?;
         #[cfg(not(feature = "view"))]
-        let outcome = train(&mut Nobody)?;
-        self.tell(&out, &outcome)
+        let outcome = train(&mut NoObserver)?;
+        self.print(&out, &outcome)
     }
 
     /// The folder of the run, and where to start.
@@ -113,13 +113,13 @@ impl TrainArgs {
                 (run, _) => Ok((run, Start::Resume)),
             },
             (Some(Some(_)), Some(_)) => {
-                Err(CliError::input("--out: leave it out with --resume RUN; a run goes on in its own folder"))
+                Err(CliError::input("--out: omit it with --resume RUN; a run resumes in its own folder"))
             }
             (_, None) => Err(CliError::input("--resume: name the run, such as --resume checkpoints/first")),
         }
     }
 
-    fn tell(&self, out: &Path, outcome: &RunOutcome) -> Result<(), CliError> {
+    fn print(&self, out: &Path, outcome: &RunOutcome) -> Result<(), CliError> {
         let r = &outcome.record;
         let next = if outcome.complete {
             format!("volseggs eval {}", shell::path(out))
@@ -159,7 +159,7 @@ fn dataset_of(run: &Path) -> Result<PathBuf, CliError> {
     let record: RunRecord = serde_json::from_str(&text).map_err(|e| wrong(&e))?;
     if !record.dataset.is_dir() {
         return Err(CliError::input(format!(
-            "{}: the dataset is not there any more; point to it with --data",
+            "{}: the dataset no longer exists here; give its folder with --data",
             record.dataset.display()
         )));
     }

@@ -4,15 +4,15 @@ use crate::run::cameras::SIDE;
 use glam::DVec3;
 use std::num::NonZero;
 
-/// Parses a finite number for which `fits` holds; `wanted` is the error message.
+/// Parses a finite number for which `fits` holds; the error message is "expected" and `wanted`.
 pub(super) fn number(text: &str, fits: impl Fn(f64) -> bool, wanted: &str) -> Result<f64, String> {
     let found = text.trim().parse::<f64>().ok().filter(|v| v.is_finite() && fits(*v));
-    found.ok_or_else(|| wanted.to_owned())
+    found.ok_or_else(|| format!("expected {wanted}"))
 }
 
 fn small(value: f64, wanted: &str) -> Result<f32, String> {
     let value = value as f32;
-    if value.is_finite() { Ok(value) } else { Err(wanted.to_owned()) }
+    if value.is_finite() { Ok(value) } else { Err(format!("expected {wanted}")) }
 }
 
 /// Parses a finite number.
@@ -67,20 +67,23 @@ pub(super) fn cosine_f32(text: &str) -> Result<f32, String> {
 
 /// Parses a whole number, at least 1.
 pub(super) fn count(text: &str) -> Result<usize, String> {
-    text.trim().parse::<NonZero<usize>>().map(NonZero::get).map_err(|_| "a whole number, at least 1".to_owned())
+    text.trim()
+        .parse::<NonZero<usize>>()
+        .map(NonZero::get)
+        .map_err(|_| "expected a whole number, at least 1".to_owned())
 }
 
 /// Parses the width or height of an image in pixels.
 pub(super) fn pixels(text: &str) -> Result<u32, String> {
     let found = text.trim().parse::<u32>().ok().filter(|n| (1..=SIDE).contains(n));
-    found.ok_or_else(|| format!("a number of pixels from 1 to {SIDE}"))
+    found.ok_or_else(|| format!("expected a number of pixels from 1 to {SIDE}"))
 }
 
 /// Parses a point in space: three finite numbers separated by commas.
 pub(super) fn point(text: &str) -> Result<DVec3, String> {
-    let wanted = "three finite numbers with commas between them, such as 3,-2,1.5";
+    let wanted = "three finite numbers separated by commas, such as 3,-2,1.5";
     let numbers = text.split(',').map(|v| number(v, |v| v.abs() < 1e15, wanted)).collect::<Result<Vec<_>, _>>()?;
-    <[f64; 3]>::try_from(numbers).map(DVec3::from_array).map_err(|_| wanted.to_owned())
+    <[f64; 3]>::try_from(numbers).map(DVec3::from_array).map_err(|_| format!("expected {wanted}"))
 }
 
 #[cfg(test)]
@@ -88,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_number_is_refused_by_every_type() {
+    fn non_numbers_are_refused_by_every_parser() {
         for bad in ["nan", "NaN", "inf", "-inf", "1e999", "", "x", "1,5"] {
             for parse in [finite, positive, not_negative, fraction, cosine] {
                 assert!(parse(bad).is_err(), "{bad}");

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 /// View a run in a browser: fly through space and time, click to segment, edit.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs view checkpoints/first\n  volseggs view checkpoints/first --port 8137 --read-only\n  volseggs view checkpoints/first --with checkpoints/second --with checkpoints/first/checkpoints/step-010000\n\nPrints an address with a secret in it: who has it can look at the run, and change segments and edits unless --read-only is given. Only programs on this machine reach it. From another one:\n  ssh -L 8137:localhost:8137 THIS_MACHINE\n  and open the printed address there. Where others share this machine, --socket FILE keeps them from the port too.\nCtrl-C ends it."
+    after_help = "Examples:\n  volseggs view checkpoints/first\n  volseggs view checkpoints/first --port 8137 --read-only\n  volseggs view checkpoints/first --with checkpoints/second --with checkpoints/first/checkpoints/step-010000\n\nPrints an address that contains a secret: anyone who has it can view the run and, unless --read-only is given, change segments and edits. Only programs on this machine can reach it. From another machine, run\n  ssh -L 8137:localhost:8137 THIS_MACHINE\n  and open the printed address there. If others use this machine too, --socket FILE keeps them out as well.\nCtrl-C ends the viewer."
 )]
 pub struct ViewCommand {
     /// Folder of the run.

@@ -6,7 +6,7 @@ use crate::config::types::Config;
 use crate::device::DeviceName;
 use crate::method;
 use crate::train::TrainError;
-use crate::train::observer::{Nobody, Observer};
+use crate::train::observer::{NoObserver, Observer};
 use crate::train::run::RunOutcome;
 use crate::view::beside::{BesideOptions, beside};
 use crate::view::listen::Listening;
@@ -37,7 +37,7 @@ impl WatchArgs {
             return Ok(());
         }
         Err(CliError::input(format!(
-            "--view: shows Gaussians that stay the same over time, and the method {} has none",
+            "--view: only for Gaussians that stay the same over time, and the method {} has none",
             config.method
         )))
     }
@@ -51,7 +51,7 @@ impl WatchArgs {
         json: bool,
         train: impl FnOnce(&mut dyn Observer) -> Result<RunOutcome, TrainError>,
     ) -> Result<RunOutcome, CliError> {
-        let Some(listening) = listening else { return Ok(train(&mut Nobody)?) };
+        let Some(listening) = listening else { return Ok(train(&mut NoObserver)?) };
         // a GPU is left to the training
         let drawn_on = DeviceName::cpu().and_then(|name| name.open().ok()).unwrap_or_else(|| device.clone());
         let (read_only, cache) = (self.serving.read_only, self.serving.cache());
@@ -62,7 +62,7 @@ impl WatchArgs {
             } else {
                 outln!("{}", serving.url);
             }
-            explain(&serving, "the viewer ends with the training, Ctrl-C ends both and saves a checkpoint");
+            explain(&serving, "the viewer ends with the training; Ctrl-C ends both and saves a checkpoint");
         };
         let (outcome, served) = beside(listening, &BesideOptions { device: drawn_on, read_only, cache }, ready, train);
         if let Err(error) = served {

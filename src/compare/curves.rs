@@ -107,9 +107,9 @@ fn line_at(near: &[(f64, f64)], x: f64) -> f64 {
         return mean_y;
     }
     let slope = near.iter().map(|p| (p.0 - mean_x) * (p.1 - mean_y)).sum::<f64>() / spread;
-    let least = near.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
-    let most = near.iter().map(|p| p.1).fold(f64::NEG_INFINITY, f64::max);
-    (mean_y + slope * (x - mean_x)).clamp(least, most)
+    let low = near.iter().map(|p| p.1).fold(f64::INFINITY, f64::min);
+    let high = near.iter().map(|p| p.1).fold(f64::NEG_INFINITY, f64::max);
+    (mean_y + slope * (x - mean_x)).clamp(low, high)
 }
 
 #[cfg(test)]
@@ -161,12 +161,12 @@ mod tests {
 
     proptest! {
         #[test]
-        fn smoothing_stays_between_least_and_most(values in proptest::collection::vec(-50.0..50.0f64, 1..400)) {
+        fn smoothing_stays_between_minimum_and_maximum(values in proptest::collection::vec(-50.0..50.0f64, 1..400)) {
             let curve: Vec<(f64, f64)> = values.iter().enumerate().map(|(i, v)| (i as f64, *v)).collect();
-            let least = values.iter().copied().fold(f64::INFINITY, f64::min) - 1e-9;
-            let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max) + 1e-9;
+            let low = values.iter().copied().fold(f64::INFINITY, f64::min) - 1e-9;
+            let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max) + 1e-9;
             for (_, v) in smooth(&curve) {
-                prop_assert!((least..=most).contains(&v));
+                prop_assert!((low..=high).contains(&v));
             }
         }
     }

@@ -45,11 +45,11 @@ pub fn report(set: &ResultSet, tables: &[PlainTable], order: Option<&PlainTable>
     let sections = vec![
         section("summary", "At a glance", String::new(), vec![Block::Numbers(runs::headline(set))]),
         section("table", "Table", String::new(), tables),
-        section("order", "Beside the paper", against, order.map(table).into_iter().collect()),
+        section("order", "Comparison with the paper", against, order.map(table).into_iter().collect()),
         section(
             "curves",
             "Learning curves",
-            "Means over seeds. Test PSNR is that of the few views that training evaluates on the way.".to_owned(),
+            "Means over seeds. Test PSNR is measured on the few views that are evaluated during training.".to_owned(),
             plots::learning(set),
         ),
         section(
@@ -61,13 +61,13 @@ pub fn report(set: &ResultSet, tables: &[PlainTable], order: Option<&PlainTable>
         section(
             "settings",
             "Settings and outcome",
-            "A line for each run through the settings that vary.".to_owned(),
+            "One line per run, through the settings that vary.".to_owned(),
             plots::settings(set),
         ),
         section(
             "views",
             "The same view",
-            "The truth, then each variant's first seed above a map of its errors.".to_owned(),
+            "The ground truth, then each variant's first seed above its error map.".to_owned(),
             sheets(set).iter().map(view_sheet).collect(),
         ),
         section("runs", "Runs", String::new(), runs::list(set)),
@@ -86,8 +86,8 @@ fn table(table: &PlainTable) -> Block {
 fn view_sheet(sheet: &VariantSheet) -> Block {
     let VariantSheet { dataset, view, top_error, left_out, .. } = sheet;
     let mut caption = format!(
-        "View {view} of {dataset}. Errors are the mean |difference| of the channels, 1 being full intensity; the \
-         brightest colour stands for {top_error} and more."
+        "View {view} of {dataset}. Errors are mean absolute differences of the channels, where 1 is full intensity; \
+         the brightest colour stands for {top_error} or more."
     );
     if !left_out.is_empty() {
         caption += &format!(" Not shown: {}.", left_out.join(", "));

@@ -47,9 +47,9 @@ pub const METRICS: &[Metric] = &[
     row("psnr_edge", "PSNR at edges, dB", "edge PSNR", 2, Better::Higher),
     row("psnr_interior", "PSNR of the interior, dB", "interior PSNR", 2, Better::Higher),
     row("iou_3d", "3D IoU, %", "3D IoU", 2, Better::Higher),
-    row("iou_3d_least", "least 3D IoU, %", "least 3D IoU", 2, Better::Higher),
+    row("iou_3d_least", "minimum 3D IoU, %", "minimum 3D IoU", 2, Better::Higher),
     row("iou", "IoU, %", "IoU", 2, Better::Higher),
-    row("iou_least", "least IoU, %", "least IoU", 2, Better::Higher),
+    row("iou_least", "minimum IoU, %", "minimum IoU", 2, Better::Higher),
     row("iou_3d_oracle", "3D IoU by oracle, %", "oracle 3D IoU", 2, Better::Higher),
     row("iou_oracle", "IoU by oracle, %", "oracle IoU", 2, Better::Higher),
     row("fps", "frames/s", "FPS", 1, Better::Higher),
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn metrics_of_before_get_the_names_of_what_they_are() {
+    fn legacy_metrics_get_current_names() {
         let of = |pairs: &[(&str, f64)]| pairs.iter().map(|(id, v)| ((*id).to_owned(), *v)).collect::<BTreeMap<_, _>>();
         let mut before = of(&[("psnr", 27.0), ("fps", 20.0), ("model_mb", 1.048_576)]);
         upgrade(&mut before);

@@ -2,7 +2,7 @@
 //!
 //! No files are read here; `sweep` and `compare::runs` fill these in.
 
-use crate::program::called;
+use crate::program::build_label;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -50,8 +50,8 @@ impl ResultSet {
         let old = self.outcomes.iter().filter(|o| has(o, "fps_with_copy") && !has(o, "fps")).count();
         (old > 0 && self.metrics.iter().any(|id| id == "fps")).then(|| {
             format!(
-                "{old} results are from before frames/s were measured without the copy of images to the host; what they have \
-                 is the metric fps_with_copy"
+                "{old} results predate the measurement of frames/s without the copy of images to the host; \
+                 they only have the metric fps_with_copy"
             )
         })
     }
@@ -65,7 +65,7 @@ fn builds<'a>(runs: impl Iterator<Item = (&'a PathBuf, &'a str)>) -> String {
     }
     let several = of.len() > 1;
     let one = |(build, runs): (&str, BTreeSet<&PathBuf>)| {
-        let name = called(build);
+        let name = build_label(build);
         let plural = if runs.len() == 1 { "" } else { "s" };
         if several { format!("{name} ({} run{plural})", runs.len()) } else { name }
     };
@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn results_without_the_speed_that_is_asked_for_are_told() {
+    fn results_without_the_requested_speed_are_noted() {
         let of = |ids: &[&str]| Outcome {
             metrics: ids.iter().map(|id| ((*id).to_owned(), 1.0)).collect(),
             ..Outcome::default()
@@ -141,15 +141,15 @@ mod tests {
             metrics: vec![metric.to_owned()],
             ..ResultSet::default()
         };
-        let told = set(&["fps_with_copy"], "fps").speed_note().unwrap();
-        assert!(told.starts_with("1 results") && told.contains("fps_with_copy"), "{told}");
+        let note = set(&["fps_with_copy"], "fps").speed_note().unwrap();
+        assert!(note.starts_with("1 results") && note.contains("fps_with_copy"), "{note}");
         assert_eq!(set(&["fps_with_copy"], "psnr").speed_note(), None);
         assert_eq!(set(&["fps", "fps_with_copy"], "fps").speed_note(), None);
         assert_eq!(set(&[], "fps").speed_note(), None);
     }
 
     #[test]
-    fn a_table_says_of_which_builds_it_is() {
+    fn a_table_names_its_builds() {
         let of = |run: &str, build: &str, measured_by: &str| Outcome {
             run: run.into(),
             build: build.into(),

@@ -53,7 +53,7 @@ pub enum RunError {
         problem: String,
     },
     /// A metric that is unknown and that no run has.
-    #[error("there is no metric \"{id}\"; there is {known}")]
+    #[error("unknown metric \"{id}\"; available: {known}")]
     Metric {
         /// The requested id.
         id: String,
@@ -125,7 +125,7 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
         if *first != on {
             let of = |[views, width, height]: [usize; 3]| format!("{views} views of {width}x{height}");
             let problem = format!("measured on {}, but {} on {}", of(on), other.display(), of(*first));
-            let hint = format!("measure both alike by `volseggs eval {}`", shell::path(folder));
+            let hint = format!("evaluate both in the same way with `volseggs eval {}`", shell::path(folder));
             return Err(RunError::Folder { path: folder.clone(), problem: format!("{problem}; {hint}") });
         }
         // a seed that a variant already has goes into another row, such as the same configuration from another version
@@ -204,19 +204,22 @@ mod tests {
             check_metrics(&ids.iter().map(|id| (*id).to_owned()).collect::<Vec<_>>(), std::slice::from_ref(&outcome))
         };
         check(&["psnr", "lpips_alex", "edge_error"]).unwrap();
-        let told = check(&["psnr", "foo"]).unwrap_err().to_string();
-        assert!(told.contains("no metric \"foo\"; there is psnr, ssim") && told.contains("edge_error"), "{told}");
+        let message = check(&["psnr", "foo"]).unwrap_err().to_string();
+        assert!(
+            message.contains("unknown metric \"foo\"; available: psnr, ssim") && message.contains("edge_error"),
+            "{message}"
+        );
     }
 
     #[test]
-    fn a_file_that_is_not_there_or_damaged_is_named_once() {
+    fn a_missing_or_damaged_file_is_named_once() {
         let dir = tempfile::tempdir().unwrap();
-        let told = || from_folders(&[dir.path().to_owned()], &[]).unwrap_err().to_string();
+        let message = || from_folders(&[dir.path().to_owned()], &[]).unwrap_err().to_string();
         let name = dir.path().display().to_string();
-        let missing = told();
+        let missing = message();
         assert!(missing.contains("run.json") && missing.matches(&name).count() == 1, "{missing}");
         std::fs::write(dir.path().join("run.json"), "garbage").unwrap();
-        let damaged = told();
+        let damaged = message();
         assert!(damaged.contains("run.json") && damaged.matches(&name).count() == 1, "{damaged}");
     }
 
@@ -239,7 +242,10 @@ mod tests {
             from_folders(&[dir.path().to_owned()], &[])
         };
         assert_eq!(evaluated_at(7).unwrap().outcomes.len(), 1);
-        let told = evaluated_at(5).unwrap_err().to_string();
-        assert!(told.contains("evaluated at step 5 and is at step 7 now") && told.contains("volseggs eval"), "{told}");
+        let message = evaluated_at(5).unwrap_err().to_string();
+        assert!(
+            message.contains("evaluated at step 5 and is at step 7 now") && message.contains("volseggs eval"),
+            "{message}"
+        );
     }
 }

@@ -15,13 +15,13 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Maximum number of variants on a sheet.
-pub const MOST_VARIANTS: usize = 12;
+pub const MAX_VARIANTS: usize = 12;
 /// Maximum side length of a picture, in pixels.
-const CELL: u32 = 320;
+const MAX_CELL: u32 = 320;
 /// Candidate errors for the brightest colour; the lowest that nearly all errors do not exceed is used.
 const TOPS: [f32; 6] = [0.02, 0.05, 0.1, 0.2, 0.5, 1.0];
 /// Fraction of the errors that may be off the scale.
-const BEYOND: f64 = 0.001;
+const OFF_SCALE: f64 = 0.001;
 const INK: [u8; 3] = [230, 230, 230];
 
 /// One dataset's sheet.
@@ -89,7 +89,7 @@ fn sheet(set: &ResultSet, place: Place) -> Option<VariantSheet> {
     let view = shared.iter().nth(shared.len() / 2)?.clone();
     let mut shown: Vec<Shown> = Vec::new();
     for (outcome, _) in with_views {
-        if shown.len() == MOST_VARIANTS {
+        if shown.len() == MAX_VARIANTS {
             break;
         }
         let next = load(outcome, &view);
@@ -114,7 +114,7 @@ fn sheet(set: &ResultSet, place: Place) -> Option<VariantSheet> {
     let columns = [4, 5].into_iter().min_by_key(empty).unwrap_or(4);
     let names: Vec<String> = shown.into_iter().map(|s| s.variant).collect();
     let left_out = firsts.iter().filter(|o| !names.contains(&o.variant)).map(|o| o.variant.clone()).collect();
-    let image = pair_sheet(&pairs, columns, CELL);
+    let image = pair_sheet(&pairs, columns, MAX_CELL);
     Some(VariantSheet { dataset: place.name, view, image, top_error: top, shown: names, left_out })
 }
 
@@ -139,7 +139,7 @@ fn psnr(shown: &Shown) -> String {
     let pairs = shown.truth.as_raw().iter().zip(shown.render.as_raw());
     let squares: f64 = pairs.map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2)).sum();
     if squares == 0.0 {
-        return "equal".to_owned();
+        return "identical".to_owned();
     }
     let mean = squares / shown.truth.as_raw().len() as f64;
     format!("{:.2} dB", -10.0 * (mean / (255.0 * 255.0)).log10())
@@ -148,7 +148,7 @@ fn psnr(shown: &Shown) -> String {
 /// The common scale of all maps, so that they can be compared.
 fn top_error(shown: &[Shown]) -> f32 {
     let errors = || shown.iter().flat_map(|s| &s.errors);
-    let few = (errors().count() as f64 * BEYOND) as usize;
+    let few = (errors().count() as f64 * OFF_SCALE) as usize;
     TOPS.into_iter().find(|top| errors().filter(|e| *e > top).count() <= few).unwrap_or(1.0)
 }
 
@@ -164,7 +164,7 @@ fn error_map(shown: &Shown, top: f32) -> RgbImage {
 fn scale_of_errors((width, height): (u32, u32), top: f32) -> RgbImage {
     let mut image = RgbImage::from_pixel(width, height, Rgb([24, 24, 28]));
     // about as large on the sheet as the labels
-    let letters = (width.min(CELL) / 160).max(1) * width.div_ceil(CELL);
+    let letters = (width.min(MAX_CELL) / 160).max(1) * width.div_ceil(MAX_CELL);
     let (bar, line) = ((height / 12).max(1), (GLYPH_HEIGHT + 4) * letters);
     let start = height / 2;
     for y in start..(start + bar).min(height) {
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_that_cannot_be_laid_beside_the_others_are_left_out() {
+    fn pictures_that_do_not_match_the_others_are_omitted() {
         let dir = tempfile::tempdir().unwrap();
         let all: Vec<Outcome> = (0..15).map(|i| outcome(dir.path(), &format!("v{i}"), 0, OutcomeState::Done)).collect();
         for (i, outcome) in all.iter().enumerate() {
@@ -246,7 +246,7 @@ mod tests {
         }
         std::fs::write(folder(&all[2]).join("x-render.png"), "no picture").unwrap();
         let sheets = sheets(&set(all));
-        assert_eq!(sheets[0].shown.len(), MOST_VARIANTS);
+        assert_eq!(sheets[0].shown.len(), MAX_VARIANTS);
         assert_eq!(sheets[0].left_out, ["v1", "v2", "v14"]);
     }
 

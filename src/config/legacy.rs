@@ -38,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_what_is_missing_is_implied() {
+    fn only_missing_keys_are_implied() {
         let table = |edit: fn(&mut Config)| {
             let mut config = Config::default();
             edit(&mut config);

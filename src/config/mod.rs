@@ -59,7 +59,7 @@ mod tests {
     }
 
     #[test]
-    fn variables_of_tests_and_kernels_are_no_keys() {
+    fn reserved_variables_are_not_keys() {
         for name in [
             "VOLSEGGS_TEST_SAM",
             "VOLSEGGS_TEST_OUT",
@@ -89,13 +89,13 @@ mod tests {
             assert_eq!(keys(&file).into_iter().collect::<Vec<_>>(), sections, "{name}: sections");
             for section in &sections {
                 let of = |table: &toml::Table| keys(table[section].as_table().unwrap());
-                assert_eq!(of(&file), of(&defaults), "{name}: [{section}] is to state each key of its own");
+                assert_eq!(of(&file), of(&defaults), "{name}: [{section}] must state each of its keys");
             }
         }
     }
 
     #[test]
-    fn presets_of_other_methods_state_every_key_that_these_read() {
+    fn presets_of_other_methods_state_every_key_they_read() {
         let defaults = toml::Table::try_from(Config::default()).unwrap();
         let keys = |table: &toml::Table| table.keys().cloned().collect::<std::collections::BTreeSet<_>>();
         let of = |name: &str| -> toml::Table { PRESETS.iter().find(|(n, _)| *n == name).unwrap().1.parse().unwrap() };
@@ -107,7 +107,7 @@ mod tests {
             let preset = of(name);
             for section in ["data", "init", "stages", "loss", "optim", "densify", "speed"] {
                 let of = |table: &toml::Table| keys(table[section].as_table().unwrap());
-                assert_eq!(of(&preset), of(&defaults), "{name}: [{section}] is to state each key");
+                assert_eq!(of(&preset), of(&defaults), "{name}: [{section}] must state each key");
             }
             assert_eq!(preset[name].as_table(), Some(&settings), "the defaults are the published settings");
             assert!(
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn warm_up_of_shorter_presets_falls_over_their_own_length() {
+    fn warm_up_of_shorter_presets_decays_over_their_own_length() {
         // the values that they were tuned and measured with
         for name in ["best", "quick", "demo", "configs/ablations/base-small.toml"] {
             let config = Layers::new(PRESETS).source(name).resolve::<Config>().unwrap().value;
@@ -130,25 +130,25 @@ mod tests {
 
     #[test]
     fn keys_in_error_messages_are_keys() {
-        let told = Layers::new(PRESETS).sets(["loss"]).resolve::<Config>().unwrap_err().to_string();
-        let example = told.rsplit(' ').next().unwrap();
+        let message = Layers::new(PRESETS).sets(["loss"]).resolve::<Config>().unwrap_err().to_string();
+        let example = message.rsplit(' ').next().unwrap();
         Layers::new(PRESETS).sets([example]).resolve::<Config>().unwrap();
-        let told = with_variable("VOLSEGGS_A____B").unwrap_err().to_string();
-        assert_eq!(with_variable(told.rsplit(' ').next().unwrap()).unwrap().loss.dssim, 1.0, "{told}");
+        let message = with_variable("VOLSEGGS_A____B").unwrap_err().to_string();
+        assert_eq!(with_variable(message.rsplit(' ').next().unwrap()).unwrap().loss.dssim, 1.0, "{message}");
     }
 
     #[test]
-    fn a_wrong_value_is_told_in_plain_words() {
+    fn a_wrong_value_is_reported_in_plain_words() {
         for (set, words) in [
             ("stages.joint_steps=-3", "expected a whole number, 0 or above, not -3"),
-            ("loss.kind=l3", "there is no `l3`; there is l1 or l2"),
+            ("loss.kind=l3", "there is no `l3`; available: l1 or l2"),
             ("model=3", "expected a section"),
             ("optim.betas=[0.9]", "expected a list of 2 values"),
         ] {
-            let told = Layers::new(PRESETS).sets([set]).resolve::<Config>().unwrap_err().to_string();
-            assert!(told.contains(words), "{told}");
+            let message = Layers::new(PRESETS).sets([set]).resolve::<Config>().unwrap_err().to_string();
+            assert!(message.contains(words), "{message}");
             for jargon in ["invalid type", "usize", "struct ", "ModelConfig", "variant"] {
-                assert!(!told.contains(jargon), "{told}");
+                assert!(!message.contains(jargon), "{message}");
             }
         }
     }

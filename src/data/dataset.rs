@@ -255,8 +255,8 @@ fn outline(
         return Err(DataError::Option {
             path: json.path.clone(),
             option: "max_views",
-            problem: "0 leaves no view".to_owned(),
-            hint: "use at least 1, or leave it out for all views".to_owned(),
+            problem: "0 leaves no views".to_owned(),
+            hint: "use at least 1, or omit it to use all views".to_owned(),
         });
     }
     let kept: Vec<usize> = (0..count).map(|i| i * total / count).collect();
@@ -285,8 +285,8 @@ fn check_aspect(json: &Transforms, (width, height): (u32, u32)) -> Result<(), Da
     if (sx / sy - 1.0).abs() <= 0.01 {
         return Ok(());
     }
-    let problem = format!("{w}x{h} has another shape than the images, {width}x{height}");
-    let hint = "correct `w` and `h`, or render the images in that shape";
+    let problem = format!("the aspect ratio of {w}x{h} differs from that of the images, {width}x{height}");
+    let hint = "correct `w` and `h`, or render the images at that aspect ratio";
     Err(DataError::field_error(&json.path, None, "w", problem, hint))
 }
 

@@ -115,7 +115,7 @@ fn bad_folders_and_images_are_refused() {
     let path = SplitName::Train.json_path(folder.path());
     let text = std::fs::read_to_string(&path).unwrap();
     std::fs::write(&path, text.replacen('{', "{\"fl_x\": 9, \"w\": 18, \"h\": 9,", 1)).unwrap();
-    refused(folder.path(), &["field `w`", "another shape"]);
+    refused(folder.path(), &["field `w`", "aspect ratio"]);
     let options = OpenOptions { splits: &[SplitName::Val], ..OpenOptions::default() };
     std::fs::write(&path, &text).unwrap();
     let text = Dataset::open(folder.path(), &options).unwrap_err().to_string();
@@ -155,7 +155,7 @@ fn two_frames_of_one_image_are_refused_with_both_numbers() {
 }
 
 #[test]
-fn a_camera_too_far_away_is_called_so() {
+fn a_camera_too_far_away_is_reported() {
     let folder = dataset(2, 8);
     let path = folder.path().join("transforms_train.json");
     let mut json: serde_json::Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
@@ -169,7 +169,7 @@ fn a_camera_too_far_away_is_called_so() {
 }
 
 #[test]
-fn the_scene_has_an_extent_also_where_all_cameras_stand_at_one_place() {
+fn cameras_at_one_place_still_give_a_scene_extent() {
     let folder = dataset(6, 8);
     let options = OpenOptions { downscale: 1, splits: &[SplitName::Train], max_views: None };
     let mut frames = Dataset::open(folder.path(), &options).unwrap().train.frames;

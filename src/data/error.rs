@@ -65,7 +65,7 @@ pub enum DataError {
     /// Two images of one split have different sizes.
     #[error(
         "{} is {}x{} pixels but {} is {}x{} (field `file_path`, frame {frame} of {}). Hint: all images of a \
-         split must have one size; render them again, or resize the odd ones",
+         split must have the same size; render them again, or resize those that differ",
         first.display(), first_size.0, first_size.1, second.display(), second_size.0, second_size.1, json.display()
     )]
     MixedResolution {
@@ -112,7 +112,7 @@ impl DataError {
     #[must_use]
     pub fn is_input(&self) -> bool {
         match self {
-            Self::Io { source, .. } => crate::files::is_mendable(source),
+            Self::Io { source, .. } => crate::files::is_user_error(source),
             _ => true,
         }
     }

@@ -92,7 +92,7 @@ fn a_small_file_that_claims_a_large_image_is_refused_by_its_header() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn a_pipe_is_no_image_and_does_not_hang() {
+fn a_pipe_is_refused_without_hanging() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("r_0.png");
     rustix::fs::mknodat(rustix::fs::CWD, &path, rustix::fs::FileType::Fifo, rustix::fs::Mode::RUSR, 0).unwrap();

@@ -13,7 +13,7 @@ use super::scan::{ROTATION_TOLERANCE, scan};
 use super::transforms::{FrameRecord, read_text, repeated, same_image};
 
 /// Maximum number of problems in a check's detail; the report's `problems` has them all.
-const SHOWN: usize = 5;
+const MAX_SHOWN: usize = 5;
 
 /// The result of one check.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -112,7 +112,7 @@ pub fn inspect(root: &Path) -> Report {
         present.into_iter().map(|n| (n, read_text(&n.json_path(root)).map_err(|e| e.to_string()))).collect();
     for (i, (name, text)) in texts.iter().enumerate() {
         if let Some((other, _)) = texts[..i].iter().find(|(_, t)| t.is_ok() && t == text) {
-            report.notes.push(format!("{name} is the same, byte for byte, as {other}"));
+            report.notes.push(format!("{name} is byte-for-byte identical to {other}"));
         }
         match text {
             Ok(text) => inspect_split(&mut report, root, *name, text),
@@ -185,7 +185,7 @@ fn images(report: &mut Report, facts: &mut SplitFacts, root: &Path, json: &Path,
         let shares = format!("{:.1} % of the pixels are not empty, {:.1} % opaque", 100.0 * some, 100.0 * full);
         let hint = match () {
             () if some <= 0.0 => "; every image is empty",
-            () if full >= 1.0 => "; no transparency: the box of the data cannot be found from the images",
+            () if full >= 1.0 => "; no transparency: the bounding box of the data cannot be derived from the images",
             () => "",
         };
         report.check(&name, "alpha", hint.is_empty(), shares + hint);
@@ -205,9 +205,9 @@ fn count_alpha(path: &Path) -> Result<[u64; 4], String> {
 }
 
 fn summary(problems: &[String]) -> String {
-    let mut text = problems[..problems.len().min(SHOWN)].join("; ");
-    if problems.len() > SHOWN {
-        text += &format!("; and {} more", problems.len() - SHOWN);
+    let mut text = problems[..problems.len().min(MAX_SHOWN)].join("; ");
+    if problems.len() > MAX_SHOWN {
+        text += &format!("; and {} more", problems.len() - MAX_SHOWN);
     }
     text
 }

@@ -50,7 +50,7 @@ fn all_problems_are_gathered() {
 }
 
 #[test]
-fn nothing_there() {
+fn empty_and_missing_folders_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let report = inspect(folder.path());
     assert_eq!((report.ok(), report.problems.len()), (false, 2));
@@ -68,5 +68,5 @@ fn published_dataset() {
     assert_eq!((train.frames, train.times, train.views_per_time), (600, 30, Some([20, 20])));
     assert!((train.fov_x_degrees.unwrap() - 30.0).abs() < 1e-9 && train.orthonormality_error < 1e-6);
     assert!((0.1..0.2).contains(&train.alpha_coverage.unwrap()), "{:?}", train.alpha_coverage);
-    assert!(report.notes.iter().any(|n| n.contains("test is the same, byte for byte, as val")));
+    assert!(report.notes.iter().any(|n| n.contains("test is byte-for-byte identical to val")));
 }

@@ -26,15 +26,14 @@ pub(super) fn times(report: &mut Report, facts: &mut SplitFacts, records: &[(usi
         let largest = all.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
         facts.time_step_ratio = Some(largest / mean);
         even = largest <= 2.0 * mean;
-        detail += &format!(", the largest step is {:.2} of the mean", largest / mean);
+        detail += &format!(", the largest step is {:.2} times the mean", largest / mean);
     }
     if let Some([fewest, most]) = facts.views_per_time {
         detail += &format!(", {fewest} to {most} views each");
     }
     report.check(&name, "times", even, detail);
     let whole = all.len() < 2 || (first < 0.05 && last > 0.95);
-    let detail =
-        if whole { "the times reach from 0 to 1" } else { "the times leave out a part of [0, 1]; rescale them" };
+    let detail = if whole { "the times span 0 to 1" } else { "the times do not cover all of [0, 1]; rescale them" };
     report.check(&name, "time range", whole, detail);
 }
 

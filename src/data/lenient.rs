@@ -26,9 +26,9 @@ fn syntax_error(path: &Path, text: &str, error: &serde_json::Error) -> DataError
     }
     let begun = text[..end].matches("\"file_path\"").count();
     let (problem, hint) = if error.is_eof() {
-        ("the file ends in the middle".to_owned(), "the file looks truncated; copy or export it again")
+        ("the file ends too early".to_owned(), "the file looks truncated; copy or export it again")
     } else {
-        (format!("not JSON: {error}"), "mend the text there, or export the file again")
+        (format!("not JSON: {error}"), "correct the JSON there, or export the file again")
     };
     let (line, column, frame) = (error.line(), error.column(), begun.checked_sub(1));
     DataError::Syntax { path: path.to_owned(), frame, line, column, problem, hint: hint.to_owned() }

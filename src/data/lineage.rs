@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn what_merged_is_among_its_whole_before_and_cannot_be_told_after() {
+    fn merged_segments_are_found_backwards_and_indistinct_forwards() {
         // 3 and 4 merge into 2, and that into 1
         let turns = [turn(0.2, 3, Ended, 2), turn(0.2, 4, Ended, 2), turn(0.6, 2, Ended, 1)];
         let at = |ids: &[u16], from, to| ids_at(&turns, ids, from, to);
@@ -89,15 +89,15 @@ mod tests {
         assert_eq!(at(&[1], 0.9, 0.3), Some(vec![1, 2]));
         assert_eq!(at(&[1], 0.9, 0.7), Some(vec![1]));
         assert_eq!(at(&[2], 0.5, 0.1), Some(vec![2, 3, 4]));
-        assert_eq!((at(&[3], 0.0, 0.1), at(&[3], 0.0, 0.2)), (Some(vec![3]), None), "then it has happened");
-        assert_eq!(at(&[2], 0.0, 0.5), None, "more than it was");
-        assert_eq!(at(&[2, 3, 4], 0.0, 0.5), Some(vec![2, 3, 4]), "all that merges: ids that ended hold nothing");
+        assert_eq!((at(&[3], 0.0, 0.1), at(&[3], 0.0, 0.2)), (Some(vec![3]), None), "the merge has happened");
+        assert_eq!(at(&[2], 0.0, 0.5), None, "part of a larger segment");
+        assert_eq!(at(&[2, 3, 4], 0.0, 0.5), Some(vec![2, 3, 4]), "all that merge: ids that have ended hold nothing");
         assert_eq!(at(&[7], 0.0, 1.0), Some(vec![7]));
         assert_eq!(at(&[1], 0.5, 0.5), Some(vec![1]));
     }
 
     #[test]
-    fn what_splits_off_is_among_its_whole_after_and_cannot_be_told_before() {
+    fn split_segments_are_found_forwards_and_indistinct_backwards() {
         let turns = [turn(0.4, 5, Began, 1), turn(0.7, 6, Began, 5)];
         let at = |ids: &[u16], from, to| ids_at(&turns, ids, from, to);
         assert_eq!(at(&[1], 0.1, 1.0), Some(vec![1, 5, 6]));
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn of_one_step_ends_come_first() {
+    fn ends_come_before_beginnings_within_a_step() {
         // 2 merges into 1, from which 3 splits off
         let turns = [turn(0.5, 3, Began, 1), turn(0.5, 2, Ended, 1)];
         assert_eq!(ids_at(&turns, &[1, 2], 0.0, 1.0), Some(vec![1, 2, 3]));
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn what_vanishes_is_loss_and_what_appears_is_growth() {
+    fn vanishing_is_loss_and_appearing_is_growth() {
         // 5 splits off 1, a crumb falls off it, and both vanish
         let turns =
             [turn(0.2, 5, Began, 1), turn(0.3, 6, Began, 5), turn(0.4, 5, Ended, None), turn(0.5, 6, Ended, None)];

@@ -14,7 +14,7 @@ use super::transforms::{FrameRecord, Intrinsics};
 pub const BOTTOM_ROW_TOLERANCE: f64 = 1e-4;
 /// Maximum coordinate of a camera position along an axis: squares of such distances are still finite in single
 /// precision.
-pub const FARTHEST: f64 = 1e15;
+pub const MAX_POSITION: f64 = 1e15;
 /// Maximum deviation of the rotation of a pose from orthonormal (largest entry of `R^T R - I`).
 pub const ROTATION_TOLERANCE: f64 = 1e-3;
 
@@ -41,7 +41,7 @@ pub fn scan(path: &Path, text: &str) -> Scan {
             path,
             None,
             "frames",
-            "the file holds no JSON object",
+            "the file is not a JSON object",
             "the top level must be {\"camera_angle_x\": ..., \"frames\": [...]}",
         )),
         Err(error) => out.problems.push(error),
@@ -81,7 +81,7 @@ impl Scanner<'_> {
                 Some(x) => Some(x),
                 None => {
                     let problem = format!("{} where {must} is needed", show(value));
-                    self.problem(None, field, problem, "correct the number, or remove the field if another gives it");
+                    self.problem(None, field, problem, "correct the number, or remove the field if another defines it");
                     None
                 }
             }
@@ -107,7 +107,7 @@ impl Scanner<'_> {
         let in_pixels = [fl_x, fl_y, cx, cy].into_iter().any(Option::is_some);
         if in_pixels && (intrinsics.w.is_none() || intrinsics.h.is_none()) {
             let hint = "give the size in pixels that `fl_x`, `fl_y`, `cx` and `cy` refer to";
-            self.problem(None, "w", "`w` and `h` are needed beside `fl_x`, `fl_y`, `cx` or `cy`", hint);
+            self.problem(None, "w", "`w` and `h` are required with `fl_x`, `fl_y`, `cx` or `cy`", hint);
         }
         for field in ["k1", "k2", "k3", "k4", "p1", "p2"] {
             if top.get(field).and_then(Value::as_f64).is_some_and(|x| x != 0.0) {
@@ -209,8 +209,8 @@ fn read_rows(value: Option<&Value>) -> Result<[[f64; 4]; 4], String> {
             rows[r][c] =
                 number.ok_or_else(|| format!("entry ({r}, {c}) is {} where a finite number is needed", show(entry)))?;
             // the other entries are checked against those of a rotation
-            if r < 3 && c == 3 && rows[r][c].abs() > FARTHEST {
-                return Err(format!("entry ({r}, {c}) is {:e}, too large: at most {FARTHEST:e}", rows[r][c]));
+            if r < 3 && c == 3 && rows[r][c].abs() > MAX_POSITION {
+                return Err(format!("entry ({r}, {c}) is {:e}, too large: at most {MAX_POSITION:e}", rows[r][c]));
             }
         }
     }

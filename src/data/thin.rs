@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_asked_for_changes_nothing() {
+    fn limits_of_zero_or_above_the_number_of_views_change_nothing() {
         let whole = split(3, 4);
         assert_eq!(thinned(whole.clone(), 0, 0), whole);
         assert_eq!(thinned(whole.clone(), 9, 9), whole);

@@ -207,15 +207,15 @@ impl Transforms {
             path: path.to_owned(),
             action: "write the file",
             source,
-            hint: "check that the folder exists, is writable and has room".to_owned(),
+            hint: "check that the folder exists, is writable and has free space".to_owned(),
         })
     }
 }
 
 /// The error for two frames, the later one first, that refer to the image `file_path`.
 pub(crate) fn repeated(json: &Path, (frame, other): (usize, usize), file_path: &str) -> DataError {
-    let problem = format!("\"{file_path}\" is the image of frame {other} too");
-    let hint = "each frame needs an image of its own; correct the path, or remove one of the two frames";
+    let problem = format!("\"{file_path}\" is also the image of frame {other}");
+    let hint = "each frame needs its own image; correct the path, or remove one of the two frames";
     DataError::field_error(json, Some(frame), "file_path", problem, hint)
 }
 

@@ -84,7 +84,7 @@ fn bad_times_paths_and_lenses_are_refused() {
     refused(|v| v["k1"] = json!(0.1), None, "k1", "distortion");
     refused(|v| v["fl_x"] = json!(100), None, "w", "`w` and `h`");
     refused(|v| drop(v.as_object_mut().unwrap().remove("camera_angle_x")), None, "camera_angle_x", "missing");
-    refused(|v| *v = json!([1]), None, "frames", "no JSON object");
+    refused(|v| *v = json!([1]), None, "frames", "not a JSON object");
 }
 
 #[test]
@@ -106,7 +106,7 @@ fn truncated_text_names_the_frame_it_breaks_in() {
     let error = Transforms::parse(Path::new("t.json"), &text[..third]).unwrap_err();
     assert_eq!(error.frame(), Some(2));
     let message = error.to_string();
-    assert!(message.contains("ends in the middle") && message.contains("truncated"), "{message}");
+    assert!(message.contains("ends too early") && message.contains("truncated"), "{message}");
     for cut in 0..text.len() {
         assert!(Transforms::parse(Path::new("t.json"), &text[..cut]).is_err());
     }

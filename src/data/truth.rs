@@ -112,7 +112,7 @@ impl Truth {
         let path = root.join(FILE);
         let text = crate::files::read_text(&path).map_err(|source| DataError::Io {
             path: path.clone(),
-            action: "read what is known of segments",
+            action: "read the ground truth of the segments",
             source,
             hint:
                 "only datasets that `volseggs prepare` made with --labels, --components, --synthetic or named ranges of a \
@@ -130,7 +130,13 @@ impl Truth {
         if file.size.contains(&0) {
             let [w, h] = file.size;
             let hint = "make the dataset again with `volseggs prepare`";
-            return Err(DataError::field_error(&path, None, "size", format!("{w}x{h} is no image size"), hint));
+            return Err(DataError::field_error(
+                &path,
+                None,
+                "size",
+                format!("{w}x{h} is not a valid image size"),
+                hint,
+            ));
         }
         Ok(Self { root: root.to_owned(), file })
     }
@@ -152,7 +158,7 @@ impl Truth {
         let away = |v: &LabelledView| (v.time - time).abs();
         let Some(nearest) = views.iter().min_by(|a, b| away(a).total_cmp(&away(b))).map(|v| v.time) else {
             let hint = "make the dataset again with `volseggs prepare`, without --no-label-images";
-            let problem = "there is no label image of a training view";
+            let problem = "there are no label images of training views";
             return Err(DataError::field_error(&self.root.join(FILE), None, "label_images", problem, hint));
         };
         let same = |v: &LabelledView| (v.time - nearest).abs() <= SAME_TIME;
@@ -209,12 +215,12 @@ impl Truth {
         let ids: Vec<u16> = match image {
             DynamicImage::ImageLuma8(grey) => grey.into_raw().into_iter().map(u16::from).collect(),
             DynamicImage::ImageLuma16(grey) => grey.into_raw(),
-            other => return Err(fail("pixels", format!("are {:?}; grey of 8 or 16 bits is read", other.color()))),
+            other => return Err(fail("pixels", format!("are {:?}; expected grey of 8 or 16 bits", other.color()))),
         };
         let (across, down) = (view.camera.width as usize, view.camera.height as usize);
         let factor = (width as usize).checked_div(across).unwrap_or(0);
         if factor * across != width as usize || factor * down != height as usize {
-            return Err(fail("size", format!("{width}x{height} is no multiple of the view's {across}x{down}")));
+            return Err(fail("size", format!("{width}x{height} is not a multiple of the view's {across}x{down}")));
         }
         let place = |x: usize, y: usize| (y * factor + factor / 2) * width as usize + x * factor + factor / 2;
         Ok((0..down).flat_map(|y| (0..across).map(move |x| (x, y))).map(|(x, y)| ids[place(x, y)]).collect())

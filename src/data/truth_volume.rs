@@ -63,7 +63,7 @@ impl Truth {
             order.then(a.time.total_cmp(&b.time))
         });
         let Some(entry) = nearest else {
-            let problem = "there is no volume of ids; this dataset was made without segment views or by an old version";
+            let problem = "no volume of segment ids; the dataset was made without segment views or by an old version";
             return Err(DataError::field_error(&self.root.join(FILE), None, "volumes", problem, AGAIN));
         };
         TruthVolume::read(&self.root.join(entry.file.strip_prefix("./").unwrap_or(&entry.file)))
@@ -114,7 +114,7 @@ impl TruthVolume {
         let broken = |e: SafeTensorError| fail("tensors", e.to_string());
         let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(broken)?;
         let text = metadata.metadata().as_ref().and_then(|m| m.get(ENTRY));
-        let text = text.ok_or_else(|| fail(ENTRY, "is not in the header; this is no volume of ids".to_owned()))?;
+        let text = text.ok_or_else(|| fail(ENTRY, "is not in the header; not a volume of segment ids".to_owned()))?;
         let Header { time, spacing, origin } = serde_json::from_str(text).map_err(|e| fail(ENTRY, e.to_string()))?;
         if !(time.is_finite() && origin.iter().all(|o| o.is_finite())) {
             return Err(fail(ENTRY, format!("time {time} and origin {origin:?} must be finite")));
@@ -130,7 +130,7 @@ impl TruthVolume {
                     let values = view.data().chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]]));
                     Ok(([x, y, z], values.collect()))
                 }
-                (dtype, shape) => Err(fail(name, format!("is {dtype:?} {shape:?}; U16 [z, y, x] is read"))),
+                (dtype, shape) => Err(fail(name, format!("is {dtype:?} {shape:?}; expected U16 [z, y, x]"))),
             }
         };
         let ((dims, ids), (others, opacity)) = (tensor("ids")?, tensor("opacity")?);

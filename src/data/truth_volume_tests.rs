@@ -85,7 +85,7 @@ fn wrong_files_are_named() {
     TruthVolume { dims: [0; 3], ids: Vec::new(), opacity: Vec::new(), ..volume(0.0) }.write(&path).unwrap();
     fails("[0, 0, 0]");
     tensors::write(&path, Vec::new(), None).unwrap();
-    fails("no volume of ids");
+    fails("not a volume of segment ids");
     volume(0.0).write(&path).unwrap();
     let whole = std::fs::read(&path).unwrap();
     for i in (0..whole.len()).step_by(13) {

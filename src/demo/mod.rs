@@ -18,7 +18,7 @@ use crate::prepare::{
 };
 use crate::run::measure::{MeasuredOn, measure};
 use crate::run::{AnyRun, OpenRun};
-use crate::train::observer::Nobody;
+use crate::train::observer::NoObserver;
 use crate::train::run::{RunOptions, RunOutcome, Start};
 use crate::volume::placement::published_side;
 use crate::volume::raycast::DEFAULT_STEP;
@@ -73,7 +73,7 @@ pub enum DemoError {
     #[error("{0}")]
     Input(String),
     /// Stopped from outside.
-    #[error("interrupted; the same command goes on from here")]
+    #[error("interrupted; run the same command again to continue")]
     Interrupted,
 }
 
@@ -138,7 +138,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
         stop_after: None,
     };
     let outcome =
-        method::train(&resolved.value, &dataset, &options.device.1, &run_options, Some(&lock), stop, &mut Nobody)
+        method::train(&resolved.value, &dataset, &options.device.1, &run_options, Some(&lock), stop, &mut NoObserver)
             .map_err(failed("train"))?;
     if !outcome.complete {
         return Err(DemoError::Interrupted);
@@ -172,7 +172,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
     let page = options.out.join("report.html");
     let pictures = story::pictures(&results).map_err(failed("report"))?;
     results.stages.push(("report".to_owned(), started.elapsed().as_secs_f64()));
-    let report = story::tell(&results, pictures).map_err(failed("report"))?;
+    let report = story::assemble(&results, pictures).map_err(failed("report"))?;
     report.write(&page).map_err(failed("report"))?;
     Ok(DemoOutcome { report: page, evaluation: results.evaluation, stages: results.stages })
 }
@@ -203,7 +203,7 @@ fn prepare_stage(options: &DemoOptions, data: &Path, stop: &AtomicBool) -> Resul
         }
         let ([w, h], data) = (record.size, data.display());
         return Err(DemoError::Input(format!(
-            "{data}: holds {} in {w}x{h} pixels, which is not what was asked for; choose another --out",
+            "{data}: holds {} in {w}x{h} pixels, which is not what was requested; choose another --out",
             record.source
         )));
     }

@@ -29,7 +29,7 @@ const STEPS: usize = 2000;
 const PIXELS: usize = 1024;
 /// Number of times at which segments are tracked, and of those with pictures.
 const TIMES: usize = 31;
-const SHOWN: usize = 6;
+const SHOWN_TIMES: usize = 6;
 /// Width of a tracking picture in pixels.
 const WIDTH: u32 = 160;
 
@@ -53,7 +53,7 @@ impl SegmentStory {
             name: r.segment.clone(),
             points: r.fixed.times.iter().filter_map(|row| Some((row.time, row.iou?))).collect(),
         });
-        line_plot("Tracked segments against the truth", "time", "IoU, %", &points.collect::<Vec<_>>())
+        line_plot("Tracked segments against the ground truth", "time", "IoU, %", &points.collect::<Vec<_>>())
     }
 
     /// Volume of each tracked segment over time.
@@ -117,7 +117,7 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
     let mut pictures: Vec<Vec<(String, RgbImage)>> = vec![Vec::new(); wanted.len()];
     let at = |time: f64| {
         let at = scene.host_at(time as f32);
-        if frame % ((TIMES - 1) / (SHOWN - 1)) == 0 {
+        if frame % ((TIMES - 1) / (SHOWN_TIMES - 1)) == 0 {
             for (segment, pictures) in wanted.iter().zip(&mut pictures) {
                 pictures.push((format!("{} {time:.1}", segment.name), alone(&at, segment.members)));
             }
@@ -128,7 +128,7 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
     let followed =
         follow(at, &wanted, &times, &FollowOptions::within(scene.spec.half_size)).map_err(|e| e.to_string())?;
     let followed = followed.unwrap_or_default();
-    let tracks = view_sheet(&pictures.concat(), SHOWN, WIDTH);
+    let tracks = view_sheet(&pictures.concat(), SHOWN_TIMES, WIDTH);
     let sheet = view_sheet(&evaluation.pictures, evaluation.columns, 2 * WIDTH);
     Ok(SegmentStory { evaluation, sheet, followed, tracks })
 }

@@ -54,7 +54,7 @@ pub(super) fn pictures(results: &Results<'_>) -> Result<Pictures, String> {
         turntable,
         compare: [png(&to_rgb8(&truth, w, h))?, png(&to_rgb8(&render, w, h))?],
         compare_name: format!(
-            "Test view {} at time {:.2}, {:.2} dB: half of the views are better, half are worse.",
+            "Test view {} at time {:.2}, {:.2} dB: the median of all test views.",
             frame.name, frame.time, results.evaluation.views[median].psnr
         ),
         sheet,
@@ -107,7 +107,7 @@ fn learning_curve(run: &Path) -> String {
 ///
 /// # Errors
 /// If a picture cannot be encoded.
-pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, String> {
+pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Report, String> {
     let s = &results.evaluation.summary;
     let record = &results.outcome.record;
     let fps = |digits: usize| s.speed.fps.map_or("-".to_owned(), |fps| format!("{fps:.digits$}"));
@@ -132,18 +132,18 @@ pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, 
         section(
             "scene",
             "The trained scene",
-            "Rendered from the Gaussians alone, without the volume, while the camera goes round and time passes.",
+            "Rendered from the Gaussians alone, without the volume, while the camera orbits and time advances.",
             vec![
                 Block::Turntable {
                     frames: pictures.turntable,
                     labels,
-                    caption: "One turn, time from 0 to 1.".into(),
+                    caption: "One orbit, time from 0 to 1.".into(),
                     fps: 12.0,
                 },
                 Block::Numbers(vec![
                     number(format!("{:.2}", s.psnr), "dB", "PSNR", &format!("{} test views", s.views)),
                     number(format!("{:.4}", s.ssim), "", "SSIM", "RGB, Gaussian window"),
-                    number(fps(0), "/s", "frames", "deformation recomputed for each, image left on the device"),
+                    number(fps(0), "/s", "frames", "deformation recomputed for each, images left on the device"),
                     number(format!("{:.0}", record.training_seconds), "s", "training", &record.device),
                     number(
                         format!("{:.1}", s.model_bytes as f64 / MIB),
@@ -157,7 +157,7 @@ pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, 
         section(
             "quality",
             "Quality",
-            "How near the renders are to the ray-cast truth, in views and mostly at times that training did not see.",
+            "How close the renders are to the ray-cast ground truth, in unseen views and mostly at unseen times.",
             {
                 let mut blocks = vec![
                     Block::Compare {
@@ -185,14 +185,14 @@ pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, 
                     Block::Table {
                         head: diagnosis::HEAD.map(String::from).to_vec(),
                         rows: diagnosis::rows(s).into_iter().map(|row| row.to_vec()).collect(),
-                        caption: "What bounds it: views that were trained on beside unseen ones, and where in the pictures \
-                                  the error sits. Edges: pixels next to a change of more than 0.1 a pixel of the truth or \
-                                  its alpha; interior: other covered ones."
+                        caption: "What limits it: training views beside unseen ones, and where in the pictures the \
+                                  error lies. Edges: pixels next to a change of more than 0.1 per pixel in the truth \
+                                  or its alpha; interior: the other covered pixels."
                             .into(),
                         highlight: Some(2),
                     },
                     Block::Svg { svg: psnr_over_time(&results.evaluation), caption: "PSNR of each test view.".into() },
-                    Block::Svg { svg: learning_curve(&results.run.path), caption: "PSNR while training.".into() },
+                    Block::Svg { svg: learning_curve(&results.run.path), caption: "PSNR during training.".into() },
                 ];
                 if let Some(png) = pictures.sheet {
                     blocks.push(Block::Figure {
@@ -210,7 +210,7 @@ pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, 
             "segments",
             "Segments",
             "The scene's parts are known, so what a click selects can be measured: a click on each part at one time, \
-             coarse by its colour and fine by the affinity field within it, then followed to all other times.",
+             coarse by its colour and fine by the affinity field within it, then tracked to all other times.",
             segment_blocks(results, pictures.segments)?,
         ));
     }
@@ -222,7 +222,7 @@ pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, 
         vec![
             Block::Timings(results.stages.clone()),
             Block::Text(format!(
-                "{total:.0} seconds in all on {} threads; peak memory {:.2} GB; {} steps of training on {} images.",
+                "{total:.0} seconds in all on {} threads; peak memory {:.2} GB; {} training steps on {} images.",
                 record.threads,
                 crate::memory::peak_memory() as f64 / 1e9,
                 record.steps,
@@ -232,7 +232,7 @@ pub(super) fn tell(results: &Results<'_>, pictures: Pictures) -> Result<Report, 
     ));
     sections.push(section(
         "yours",
-        "The same with your own data",
+        "Use your own data",
         "Volumes as .raw (with a small .toml), .nrrd, .vti, .nii or .npy; or posed images in the D-NeRF layout.",
         vec![Block::Commands(
             [
@@ -283,9 +283,9 @@ fn segment_blocks(results: &Results<'_>, known: Vec<(Vec<u8>, String)>) -> Resul
         "segment",
         "method",
         "3D IoU, %",
-        "least of all times, %",
+        "minimum over times, %",
         "2D IoU, %",
-        "least of all times, %",
+        "minimum over times, %",
         "PSNR, dB",
         "SSIM",
         "click, ms",
@@ -310,7 +310,7 @@ fn segment_blocks(results: &Results<'_>, known: Vec<(Vec<u8>, String)>) -> Resul
         Block::Figure {
             png: png(&story.tracks)?,
             alt: "Each segment at six times".into(),
-            caption: "Each segment followed through time.".into(),
+            caption: "Each segment tracked through time.".into(),
         },
         Block::Svg { svg: story.iou_over_time(), caption: "IoU at each time, coarse and fine.".into() },
         Block::Svg { svg: story.volume_over_time(), caption: "Volume of each segment over time.".into() },

@@ -164,11 +164,11 @@ pub(super) fn round(index: usize) -> usize {
 
 /// `content`, cut so that letters of `letter` units fit into `width`.
 pub(super) fn shortened(content: &str, width: f64, letter: f64) -> String {
-    let most = ((width / letter) as usize).max(1);
-    if content.chars().count() <= most {
+    let max_letters = ((width / letter) as usize).max(1);
+    if content.chars().count() <= max_letters {
         return content.to_owned();
     }
-    content.chars().take(most - 1).chain(['…']).collect()
+    content.chars().take(max_letters - 1).chain(['…']).collect()
 }
 
 /// Escapes text for XML.

@@ -9,9 +9,9 @@ const SPAN: [f64; 2] = [84.0, 396.0];
 /// Room left of the first axis and right of the last.
 const SIDES: [f64; 2] = [95.0, 95.0];
 /// Minimum distance between two axes.
-const APART: f64 = 118.0;
+const MIN_DISTANCE: f64 = 118.0;
 /// Heights of the names of axes, alternating where they would touch.
-const NAMES: [f64; 2] = [68.0, 50.0];
+const NAME_HEIGHTS: [f64; 2] = [68.0, 50.0];
 /// Colours at fractions 0, 0.2, .. 1 of the last axis: lightness rises evenly from dark violet to orange, which is
 /// still visible on white paper, in grey too.
 const COLORS: [[f64; 3]; 6] = [
@@ -69,7 +69,7 @@ impl Placed {
 #[must_use]
 pub fn parallel_plot(title: &str, axes: &[ParallelAxis], lines: &[ParallelLine]) -> String {
     let gaps = axes.len().saturating_sub(1).max(1) as f64;
-    let width = (SIDES[0] + gaps * APART + SIDES[1]).max(WIDTH);
+    let width = (SIDES[0] + gaps * MIN_DISTANCE + SIDES[1]).max(WIDTH);
     let apart = (width - SIDES[0] - SIDES[1]) / gaps;
     let value = |line: &ParallelLine, axis: usize| -> Option<f64> {
         let value = line.values.get(axis).copied().flatten().filter(|v| v.is_finite())?;
@@ -121,7 +121,7 @@ pub fn parallel_plot(title: &str, axes: &[ParallelAxis], lines: &[ParallelLine])
     }
     let crowded = axes.iter().any(|axis| 7.0 * axis.name.chars().count() as f64 > apart - 8.0);
     for (index, (axis, at)) in axes.iter().zip(&placed).enumerate() {
-        let y = if crowded { NAMES[index % 2] } else { NAMES[0] };
+        let y = if crowded { NAME_HEIGHTS[index % 2] } else { NAME_HEIGHTS[0] };
         let room = if crowded { 2.0 * apart - 10.0 } else { apart };
         svg += &text(at.x, y, "middle", " font-weight=\"bold\"", &shortened(&axis.name, room.min(185.0), 7.2));
     }
@@ -200,12 +200,12 @@ mod tests {
         let svg = parallel_plot("T", &axes, &lines);
         assert!(svg.contains("M95.0 396.0L320.0 396.0L545.0 84.0"), "{svg}");
         assert!(svg.contains("d=\"M95.0 84.0M545.0 396.0\""), "a log of a negative number is missing");
-        assert!(svg.contains("d=\"M320.0 84.0\""), "a name that is not there and a value too few");
+        assert!(svg.contains("d=\"M320.0 84.0\""), "an unknown name and a missing value");
         for part in [">l1<", ">0.01<", ">30<", ">PSNR, dB<", "<title>a&lt;b</title>", "#bbbbbb"] {
             assert!(svg.contains(part), "{part}");
         }
         let (grey, low, high) = (svg.find("#bbbbbb"), svg.find(&color_of(0.0)), svg.find(&color_of(1.0)));
-        assert!(grey < low && low < high, "the best lies on top");
+        assert!(grey < low && low < high, "the best line is drawn last");
     }
 
     #[test]
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_and_little_still_give_a_picture() {
+    fn few_or_no_axes_and_lines_still_give_a_picture() {
         assert!(parallel_plot("", &[], &[line(&[Some(1.0)])]).contains("</svg>"));
         assert!(parallel_plot("", &[axis("a", Ticks::Names(vec![]))], &[]).contains("</svg>"));
         let many: Vec<ParallelAxis> = (0..9).map(|i| axis(&format!("a.long.name{i}"), Ticks::Linear)).collect();

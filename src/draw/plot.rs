@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 /// Height of the first row of names, between the title and the curves, and distance between rows.
 const LEGEND: (f64, f64) = (43.0, 17.0);
 /// Maximum number of names in the legend.
-const NAMES: usize = 12;
+const MAX_NAMES: usize = 12;
 /// Dashes that distinguish curves beyond the number of colours.
 const DASHES: [&str; 3] = ["", " stroke-dasharray=\"8 5\"", " stroke-dasharray=\"2 5\""];
 
@@ -41,7 +41,7 @@ struct Entry {
 
 /// Lays out the names from `left` on, in rows that fit the width of the picture.
 fn legend(series: &[Series], left: f64) -> Vec<Entry> {
-    let shown = if series.len() > NAMES { NAMES - 1 } else { series.len() };
+    let shown = if series.len() > MAX_NAMES { MAX_NAMES - 1 } else { series.len() };
     let names = series[..shown].iter().enumerate().map(|(index, s)| (Some(index), s.name.as_str()));
     let (mut x, mut row) = (left, 0);
     let mut entries = Vec::new();

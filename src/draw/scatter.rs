@@ -3,9 +3,9 @@
 use super::frame::{Axis, Frame, color, round, shortened, text};
 
 /// There is no legend, so the area begins this much higher.
-const LOWERED: f64 = -16.0;
+const TOP_OFFSET: f64 = -16.0;
 /// Maximum number of named points; further points have no names.
-const MOST_NAMES: usize = 60;
+const MAX_NAMES: usize = 60;
 /// Width of a letter of a name, and height of a name.
 const LETTER: (f64, f64) = (6.2, 12.0);
 /// Distances of a name from its point; the nearest free one is used.
@@ -34,7 +34,7 @@ pub fn scatter_plot(title: &str, x_label: &str, y_label: &str, points: &[Point])
     let points: Vec<&Point> = points.iter().filter(|p| p.x.is_finite() && p.y.is_finite()).collect();
     let xs = points.iter().flat_map(|p| ends(p.x, p.x_error).into_iter().flatten().chain([p.x]));
     let ys = points.iter().flat_map(|p| ends(p.y, p.y_error).into_iter().flatten().chain([p.y]));
-    let frame = Frame::new(Axis::of(xs, false).padded(), Axis::of(ys, false).padded(), LOWERED);
+    let frame = Frame::new(Axis::of(xs, false).padded(), Axis::of(ys, false).padded(), TOP_OFFSET);
     let mut svg = frame.begin(title, x_label, y_label);
     let mut taken = Vec::new();
     for point in &points {
@@ -63,7 +63,7 @@ pub fn scatter_plot(title: &str, x_label: &str, y_label: &str, points: &[Point])
         let style = format!("stroke=\"{color}\" stroke-width=\"1.6\" fill=\"{fill}\"");
         svg += &format!("<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4\" {style}/>\n");
     }
-    for point in points.iter().take(MOST_NAMES).filter(|p| !p.name.is_empty()) {
+    for point in points.iter().take(MAX_NAMES).filter(|p| !p.name.is_empty()) {
         let name = shortened(&point.name, 180.0, LETTER.0);
         let at = (frame.to_x(point.x), frame.to_y(point.y));
         let place = free_place(at, LETTER.0 * name.chars().count() as f64, &taken, frame.area);
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn poison_is_left_out_and_no_points_still_give_axes() {
+    fn non_finite_points_are_skipped_and_no_points_still_give_axes() {
         assert!(scatter_plot("", "", "", &[]).contains("</svg>"));
         let broken = Point { x_error: Some(f64::NAN), y_error: Some(f64::INFINITY), ..point("ok", 1.0, 1.0) };
         let svg = scatter_plot("", "", "", &[point("no", f64::NAN, 1.0), broken]);

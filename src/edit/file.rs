@@ -47,7 +47,7 @@ impl Reader<'_> {
         let map = self.object("the file", value)?;
         // Before anything else: a newer file may hold fields unknown here.
         self.version(map)?;
-        self.only("", map, &["version", "operations", "undone"])?;
+        self.allow_only("", map, &["version", "operations", "undone"])?;
         Ok(EditStack {
             version: VERSION,
             operations: self.edits(map, "operations")?,
@@ -56,29 +56,30 @@ impl Reader<'_> {
     }
 
     fn version(&self, map: &Map<String, Value>) -> Result<(), EditError> {
-        let value = self.need("", map, "version")?;
+        let value = self.required("", map, "version")?;
         match value.as_u64() {
             Some(found) if found > u64::from(VERSION) => {
                 Err(EditError::NewerVersion { path: self.path.to_owned(), found, known: VERSION })
             }
             Some(found) if found == u64::from(VERSION) => Ok(()),
-            _ => Err(self.bad("version", format!("{value} is no version; it is {VERSION} in files of this program"))),
+            _ => Err(self.bad("version", format!("{value} is not a version; it must be {VERSION}"))),
         }
     }
 
     fn edits(&self, map: &Map<String, Value>, field: &str) -> Result<Vec<Edit>, EditError> {
-        let list = self.need("", map, field)?.as_array().ok_or_else(|| self.bad(field, "is not a list of edits"))?;
+        let list =
+            self.required("", map, field)?.as_array().ok_or_else(|| self.bad(field, "is not a list of edits"))?;
         list.iter().enumerate().map(|(i, value)| self.edit(&format!("{field}[{i}]"), value)).collect()
     }
 
     fn edit(&self, at: &str, value: &Value) -> Result<Edit, EditError> {
         let map = self.object(at, value)?;
-        self.only(at, map, &["segments", "operation"])?;
-        let segments = serde_json::from_value(self.need(at, map, "segments")?.clone())
-            .map_err(|_| self.bad(format!("{at}.segments"), "is not a list of names of segments"))?;
-        let value = self.need(at, map, "operation")?;
+        self.allow_only(at, map, &["segments", "operation"])?;
+        let segments = serde_json::from_value(self.required(at, map, "segments")?.clone())
+            .map_err(|_| self.bad(format!("{at}.segments"), "is not a list of segment names"))?;
+        let value = self.required(at, map, "operation")?;
         let operation = serde_json::from_value::<Operation>(value.clone())
-            .map_err(|error| self.misfit(&format!("{at}.operation"), value, &error))?;
+            .map_err(|error| self.operation_error(&format!("{at}.operation"), value, &error))?;
         let edit = Edit { segments, operation };
         edit.validate().map_err(|error| match error {
             EditError::Value { field, problem } => self.bad(format!("{at}.{field}"), problem),
@@ -88,7 +89,7 @@ impl Reader<'_> {
     }
 
     /// Finds the field of an operation that serde could not read: each field name has one type in all operations.
-    fn misfit(&self, at: &str, value: &Value, error: &serde_json::Error) -> EditError {
+    fn operation_error(&self, at: &str, value: &Value, error: &serde_json::Error) -> EditError {
         let only = value.as_object().filter(|map| map.len() == 1).and_then(|map| map.iter().next());
         let Some((name, Value::Object(fields))) = only else {
             return self.bad(at, format!("{error}; write it as in {{\"opacity\": {{\"factor\": 0.5}}}}"));
@@ -110,11 +111,11 @@ impl Reader<'_> {
         value.as_object().ok_or_else(|| self.bad(at, "is not an object"))
     }
 
-    fn need<'v>(&self, at: &str, map: &'v Map<String, Value>, field: &str) -> Result<&'v Value, EditError> {
+    fn required<'v>(&self, at: &str, map: &'v Map<String, Value>, field: &str) -> Result<&'v Value, EditError> {
         map.get(field).ok_or_else(|| self.bad(join(at, field), "is missing"))
     }
 
-    fn only(&self, at: &str, map: &Map<String, Value>, known: &[&str]) -> Result<(), EditError> {
+    fn allow_only(&self, at: &str, map: &Map<String, Value>, known: &[&str]) -> Result<(), EditError> {
         match map.keys().find(|key| !known.contains(&key.as_str())) {
             None => Ok(()),
             Some(key) => Err(self.bad(join(at, key), format!("is unknown; the fields are {}", known.join(", ")))),

@@ -109,7 +109,7 @@ impl Operation {
             Self::Recolour { rgb, .. } => check(
                 "rgb",
                 rgb.iter().all(|c| (0.0..=1.0).contains(c)),
-                format!("{rgb:?} is no colour; give red, green and blue from 0 to 1"),
+                format!("{rgb:?} is not a colour; give red, green and blue from 0 to 1"),
             ),
             Self::Opacity { factor, .. } => check(
                 "factor",
@@ -132,7 +132,7 @@ impl Operation {
                 check(
                     "factor",
                     factor.is_finite() && *factor > 0.0,
-                    format!("{factor} is no scale; give a finite number above 0"),
+                    format!("{factor} is not a scale; give a finite number above 0"),
                 )?;
                 about.as_ref().map_or(Ok(()), |p| point("about", p))
             }

@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn edits_follow_a_new_name_and_come_to_a_total() {
+    fn renames_apply_to_edits_and_totals_add_up() {
         let edit =
             |names: &[&str], operation| Edit { segments: names.iter().map(|n| (*n).into()).collect(), operation };
         let mut stack = EditStack::default();

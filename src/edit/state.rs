@@ -14,7 +14,7 @@ pub(super) fn check(gaussians: &HostGaussians) -> Result<(), EditError> {
     if !matches!(gaussians.sh_stride, 1 | 4 | 9 | 16) {
         return Err(EditError::ShStride { found: gaussians.sh_stride });
     }
-    match gaussians.misshapen() {
+    match gaussians.mismatched_column() {
         Some((column, expected)) => Err(EditError::Shape { field: column.name, expected, found: column.values.len() }),
         None => Ok(()),
     }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Times closer than this count as equal.
 const SAME: f64 = 1e-4;
 /// Maximum number of groups; more distances than this are merged.
-const MOST: usize = 6;
+const MAX_GROUPS: usize = 6;
 
 /// Means over the views at about the same distance from the nearest trained time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,7 +45,7 @@ pub fn by_distance(views: &[ViewMetrics], trained: &[f64]) -> Vec<AtDistance> {
             _ => groups.push(vec![*row]),
         }
     }
-    if groups.len() > MOST {
+    if groups.len() > MAX_GROUPS {
         let (at, away): (Vec<_>, Vec<_>) = rows.into_iter().partition(|row| row.0 < SAME);
         let (near, far) = away.split_at(away.len() / 2);
         groups = [at, near.to_vec(), far.to_vec()].into_iter().filter(|group| !group.is_empty()).collect();

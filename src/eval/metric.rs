@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_is_left_out() {
+    fn non_finite_values_are_skipped() {
         let metrics: Vec<(String, Arc<dyn Metric>)> = vec![("tenth".into(), Arc::new(Tenth))];
         let view = |alpha: &[f32], time: f64| {
             let (width, height, background) = (1, alpha.len(), [1.0; 3]);

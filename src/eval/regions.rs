@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn pixels_are_told_apart_by_the_truth_alone() {
+    fn regions_depend_only_on_the_ground_truth() {
         let (truth, alpha) = picture(0.2);
         // columns 5 and 6 are strong, 4 to 7 are edge, 8 to 11 interior
         let mut render = truth.clone();
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn the_smallest_pictures_and_none_are_measured() {
+    fn a_single_pixel_and_no_pictures_are_measured() {
         assert_eq!(RegionSums::default().finish(), ByRegion::default());
         let mut sums = RegionSums::default();
         sums.add(&[0.5; 3], &[1.0; 3], &[0.0], 1);

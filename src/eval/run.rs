@@ -10,7 +10,7 @@ use super::speed::{self, Speed};
 use crate::csv;
 use crate::data::Split;
 use crate::metrics::lpips::{Lpips, LpipsNet};
-use crate::metrics::psnr::{most_of_pictures, psnr_of_pictures, to_8_bits};
+use crate::metrics::psnr::{max_psnr_of_pictures, psnr_of_pictures, to_8_bits};
 use crate::metrics::ssim::{ssim_gray, ssim_rgb};
 use crate::model::Model;
 use image::RgbImage;
@@ -273,13 +273,15 @@ pub fn evaluate(
     let all: Vec<&ViewMetrics> = views.iter().collect();
     let mean = |f: &dyn Fn(&ViewMetrics) -> f64| mean_of(&all, |v| Some(f(v))).unwrap_or(f64::NAN);
     let mean_option = |f: &dyn Fn(&ViewMetrics) -> Option<f64>| mean_of(&all, f);
-    let mut notes = vec!["renders and truths are compared as 8-bit images".to_owned()];
+    let mut notes = vec!["renders and the ground truth are compared as 8-bit images".to_owned()];
     if networks.is_empty() {
         notes.push(LPIPS_WEIGHTS.to_owned());
     }
     let equal = pictures_equal(&views, w * h);
     if equal > 0 {
-        notes.push(format!("{equal} of {n} renders equal the truth and count as one step of 255 in one value"));
+        notes.push(format!(
+            "{equal} of {n} renders equal the ground truth; their PSNR is that of one value off by one step of 255"
+        ));
     }
     let counts = model.counts();
     let summary = Summary {
@@ -316,7 +318,7 @@ pub fn evaluate(
 
 /// Returns how many of `views`, of `pixels` pixels each, have the PSNR of equal images.
 fn pictures_equal(views: &[ViewMetrics], pixels: usize) -> usize {
-    let most = most_of_pictures(3 * pixels);
+    let most = max_psnr_of_pictures(3 * pixels);
     views.iter().filter(|v| v.psnr >= most).count()
 }
 

@@ -11,9 +11,9 @@ const WARM_UP: usize = 2;
 /// Approximate seconds that the counted frames of one way take.
 const SECONDS: f64 = 1.0;
 /// Minimum number of counted frames, however long they take.
-const LEAST: usize = 5;
+const MIN_FRAMES: usize = 5;
 /// Maximum number of counted frames, unless one pass over the views is more.
-const MOST: usize = 200;
+const MAX_FRAMES: usize = 200;
 /// Number of blocks of frames, each drawn one way and then the other, so that other load on the machine affects both.
 const BLOCKS: usize = 5;
 
@@ -60,7 +60,7 @@ impl TryFrom<Recorded> for Speed {
 pub fn measure(model: &dyn Model, split: &Split) -> Result<Speed, String> {
     let views = split.frames.len();
     if views == 0 {
-        return Err("frames per second: there is no view".to_owned());
+        return Err("frames per second: the split has no views".to_owned());
     }
     let draw = |view: usize| {
         let frame = &split.frames[view];
@@ -95,8 +95,8 @@ pub fn measure(model: &dyn Model, split: &Split) -> Result<Speed, String> {
 
 /// Returns how many frames to draw if one takes `seconds`: fewer than there are views, or each view equally often.
 fn frames(seconds: f64, views: usize) -> usize {
-    let wanted = ((SECONDS / seconds.max(1e-9)) as usize).clamp(LEAST, MOST.max(views));
-    if wanted < views { wanted } else { views * (wanted / views).max(LEAST.div_ceil(views)) }
+    let wanted = ((SECONDS / seconds.max(1e-9)) as usize).clamp(MIN_FRAMES, MAX_FRAMES.max(views));
+    if wanted < views { wanted } else { views * (wanted / views).max(MIN_FRAMES.div_ceil(views)) }
 }
 
 #[cfg(test)]
@@ -105,7 +105,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn results_of_before_have_the_figure_with_the_copy_alone() {
+    fn early_results_have_only_the_figure_with_the_copy() {
         let read = |text: &str| serde_json::from_str::<Speed>(text);
         let before = read(r#"{"fps": 20.5}"#).unwrap();
         assert_eq!(before, Speed { fps: None, fps_frames: 0, fps_with_copy: 20.5 });
@@ -118,14 +118,15 @@ mod tests {
 
     proptest! {
         #[test]
-        fn about_a_second_of_frames_in_which_all_views_count_alike(
+        fn frames_last_about_a_second_and_weight_views_equally(
             seconds in prop_oneof![Just(0.0), 1e-6f64..10.0], views in 1usize..1000,
         ) {
             let n = frames(seconds, views);
-            prop_assert!(n >= LEAST.min(views) && n <= MOST.max(views).max(LEAST.next_multiple_of(views)));
+            prop_assert!(n >= MIN_FRAMES.min(views));
+            prop_assert!(n <= MAX_FRAMES.max(views).max(MIN_FRAMES.next_multiple_of(views)));
             prop_assert!(n < views || n.is_multiple_of(views), "{n} frames of {views} views");
             // five frames, or a second
-            prop_assert!(n as f64 * seconds <= SECONDS.max(2.0 * LEAST as f64 * seconds) + 1e-9);
+            prop_assert!(n as f64 * seconds <= SECONDS.max(2.0 * MIN_FRAMES as f64 * seconds) + 1e-9);
         }
     }
 }

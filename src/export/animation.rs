@@ -30,7 +30,7 @@ pub enum AnimationError {
         source: png::EncodingError,
     },
     /// There are no frames, more than a file can hold, or the rate is outside 1 to 65535.
-    #[error("an animation of {frames} frames at {fps} frames a second cannot be written")]
+    #[error("an animation of {frames} frames at {fps} frames per second cannot be written")]
     Timing {
         /// Number of frames.
         frames: usize,

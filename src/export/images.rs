@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_comes_back_and_is_known_as_our_own() {
+    fn a_picture_round_trips_and_is_recognised_as_ours() {
         let image = RgbImage::from_fn(300, 200, |x, y| image::Rgb([x as u8, y as u8, (x * y) as u8]));
         let mask = GrayImage::from_fn(7, 3, |x, _| image::Luma([if x > 3 { 255 } else { 0 }]));
         let bytes = encode_png(&image).unwrap();

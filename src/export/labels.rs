@@ -82,7 +82,7 @@ pub enum LabelsError {
     #[error(transparent)]
     Replace(#[from] ReplaceError),
     /// The file cannot be written.
-    #[error("{}: cannot write the labels: {source}; check the folder and the space on the disk", path.display())]
+    #[error("{}: cannot write the labels: {source}; check the folder and the free disk space", path.display())]
     Io {
         /// The file to write.
         path: PathBuf,
@@ -151,14 +151,14 @@ fn check(path: &Path, volume: &LabelVolume<'_>) -> Result<Vec<Extent>, LabelsErr
         let field = |name: &str| format!("names[{i}].{name}");
         let before = std::mem::replace(&mut place[usize::from(label.value)], i);
         if label.value == 0 || before != usize::MAX {
-            let problem = if label.value == 0 { "0 is no label" } else { "is given twice" };
+            let problem = if label.value == 0 { "0 is not a label" } else { "is given twice" };
             return bad(field("value"), format!("{problem}; number the labels from 1, each once"));
         }
         if label.name.trim().is_empty() || label.name.chars().any(char::is_control) {
             return bad(field("name"), format!("{:?} is blank or has control characters; rename it", label.name));
         }
         if !label.colour.iter().all(|c| (0.0..=1.0).contains(c)) {
-            return bad(field("colour"), format!("{:?} is no colour; give numbers from 0 to 1", label.colour));
+            return bad(field("colour"), format!("{:?} is not a colour; give numbers from 0 to 1", label.colour));
         }
     }
     extents(volume, &place).map_err(|value| LabelsError::Unnamed { path: path.to_owned(), value })

@@ -52,11 +52,11 @@ pub(super) fn write(
 fn check(gaussians: &HostGaussians) -> Result<(), SplatFileError> {
     if !matches!(gaussians.sh_stride, 1 | 4 | 9 | 16) {
         let stride = gaussians.sh_stride;
-        return Err(SplatFileError::Shape(format!("sh_stride {stride} is none of 1, 4, 9 and 16")));
+        return Err(SplatFileError::Shape(format!("sh_stride {stride} is not 1, 4, 9 or 16")));
     }
-    let Some((column, wanted)) = gaussians.misshapen() else { return Ok(()) };
+    let Some((column, wanted)) = gaussians.mismatched_column() else { return Ok(()) };
     Err(SplatFileError::Shape(format!(
-        "{} holds {} entries but {} Gaussians of degree {} ask for {wanted}",
+        "{} holds {} entries but {} Gaussians of degree {} need {wanted}",
         column.name,
         column.values.len(),
         gaussians.len(),

@@ -16,9 +16,9 @@ use std::path::Path;
 const MAGIC: u32 = 0x5053_474e;
 const VERSION: u32 = 3;
 /// Bits of a coordinate, including its sign.
-const COORDINATE: i32 = 24;
+const COORDINATE_BITS: i32 = 24;
 /// Maximum number of fractional bits: more are below the precision of an f32 near 1.
-const FINEST: i32 = 20;
+const MAX_FRACTION_BITS: i32 = 20;
 /// Base colours are `0.5 + COLOUR * coefficient`.
 const COLOUR: f32 = 0.15;
 
@@ -46,9 +46,9 @@ fn compress(bytes: &[u8], out: &mut impl Write) -> io::Result<()> {
 /// Returns the number of fractional bits: as many as leave room for the mean that is farthest out.
 fn fraction_bits(means: &[f32]) -> Result<i32, SplatFileError> {
     let farthest = means.iter().fold(0.0f32, |most, v| if v.is_finite() { most.max(v.abs()) } else { f32::INFINITY });
-    let whole = (0..COORDINATE).find(|bits| farthest < 2f32.powi(*bits) - 1.0);
+    let whole = (0..COORDINATE_BITS).find(|bits| farthest < 2f32.powi(*bits) - 1.0);
     match whole {
-        Some(bits) => Ok((COORDINATE - 1 - bits).min(FINEST)),
+        Some(bits) => Ok((COORDINATE_BITS - 1 - bits).min(MAX_FRACTION_BITS)),
         None => Err(SplatFileError::Shape(format!("a coordinate of {farthest} is beyond what SPZ can hold"))),
     }
 }
@@ -188,8 +188,8 @@ mod tests {
     }
 
     #[test]
-    fn what_is_far_out_has_fewer_bits_behind_the_point_and_what_is_farther_is_refused() {
-        assert_eq!(fraction_bits(&[0.5, -0.2]).unwrap(), FINEST);
+    fn distant_means_have_fewer_fractional_bits_and_too_distant_ones_are_refused() {
+        assert_eq!(fraction_bits(&[0.5, -0.2]).unwrap(), MAX_FRACTION_BITS);
         assert_eq!(fraction_bits(&[100.0, -3000.0]).unwrap(), 11);
         assert!(3000.0 * 2f32.powi(11) < 8_388_608.0);
         for far in [1e8, f32::NAN, f32::NEG_INFINITY] {

@@ -12,7 +12,7 @@ use std::thread::JoinHandle;
 /// Name of the program.
 const FFMPEG: &str = "ffmpeg";
 /// Maximum length of its message that is passed on, bytes.
-const MESSAGE: u64 = 2000;
+const MAX_MESSAGE: u64 = 2000;
 
 /// Why a film cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -111,31 +111,31 @@ fn mark() -> Vec<u8> {
 #[derive(Debug)]
 struct Encoder {
     child: Child,
-    said: Option<JoinHandle<String>>,
+    message: Option<JoinHandle<String>>,
 }
 
 impl Encoder {
     fn start(command: &mut Command) -> io::Result<Self> {
         command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
         let mut child = command.spawn()?;
-        let said = child.stderr.take().map(|mut stderr| {
+        let message = child.stderr.take().map(|mut stderr| {
             std::thread::spawn(move || {
                 let mut text = Vec::new();
                 // everything is read, so that the program never blocks on its output; errors of reading are ignored
-                let _ = stderr.by_ref().take(MESSAGE).read_to_end(&mut text);
+                let _ = stderr.by_ref().take(MAX_MESSAGE).read_to_end(&mut text);
                 let _ = io::copy(&mut stderr, &mut io::sink());
                 String::from_utf8_lossy(&text).trim().to_owned()
             })
         });
-        Ok(Self { child, said })
+        Ok(Self { child, message })
     }
 
     /// Waits for its end; returns its status and message if it failed.
     fn end(&mut self) -> Result<(), String> {
         drop(self.child.stdin.take());
         let status = self.child.wait().map_err(|e| e.to_string())?;
-        let said = self.said.take().and_then(|said| said.join().ok()).unwrap_or_default();
-        if status.success() { Ok(()) } else { Err(format!("{status}; {said}")) }
+        let message = self.message.take().and_then(|reader| reader.join().ok()).unwrap_or_default();
+        if status.success() { Ok(()) } else { Err(format!("{status}; {message}")) }
     }
 }
 

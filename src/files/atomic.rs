@@ -17,7 +17,7 @@ use std::time::Duration;
 pub(super) const PREFIX: &str = ".tmp-";
 
 /// Age from which an untouched temporary of another machine is stale.
-const FORGOTTEN: Duration = Duration::from_secs(24 * 3600);
+const STALE_AGE: Duration = Duration::from_secs(24 * 3600);
 
 /// Temporaries this process is building now. The process id alone does not identify them: in a container, the id of a
 /// killed run recurs in the next one.
@@ -362,7 +362,7 @@ fn maker_of(name: &str) -> Option<(u32, u32)> {
 fn in_use(path: &Path, (pid, maker_host): (u32, u32)) -> bool {
     if maker_host != host() {
         let touched = path.symlink_metadata().and_then(|m| m.modified()).ok();
-        return touched.and_then(|t| t.elapsed().ok()).is_none_or(|age| age < FORGOTTEN);
+        return touched.and_then(|t| t.elapsed().ok()).is_none_or(|age| age < STALE_AGE);
     }
     if pid == std::process::id() {
         let same = |other: &PathBuf| match (other.canonicalize(), path.canonicalize()) {

@@ -63,14 +63,14 @@ fn a_folder_appears_complete_and_is_not_overwritten_unasked() {
     assert_eq!(fs::read_to_string(path.join("sub/x")).unwrap(), "three");
     drop(build("four"));
     fs::write(path.join("thesis"), "mine").unwrap();
-    assert!(build("five").commit_replacing(&KIND, &[]).is_err(), "a file of somebody else's goes");
+    assert!(build("five").commit_replacing(&KIND, &[]).is_err(), "a foreign file was lost");
     assert_eq!(fs::read_to_string(path.join("sub/x")).unwrap(), "three");
     assert_eq!(names(dir.path()), ["step-10"]);
 }
 
 #[test]
 #[cfg(any(target_os = "linux", target_os = "macos"))]
-fn a_folder_that_is_replaced_is_there_at_every_moment() {
+fn a_folder_exists_at_every_moment_of_its_replacement() {
     use std::sync::atomic::{AtomicBool, Ordering};
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("track");

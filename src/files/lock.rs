@@ -18,7 +18,7 @@ pub const LOCK_PATIENCE: Duration = Duration::from_secs(60);
 /// Time between two attempts.
 const PAUSE: Duration = Duration::from_millis(10);
 /// How long nobody is refused for a locked file that does not yet say who holds it.
-const UNSIGNED: Duration = Duration::from_secs(2);
+const MAX_UNSIGNED: Duration = Duration::from_secs(2);
 
 /// Depth of the folders of a run that may hold temporaries: `eval/test/pictures`.
 const DEPTH: usize = 3;
@@ -116,7 +116,7 @@ impl RunLock {
                 // seen twice: what a killed process wrote stays until the next holder has signed the file
                 Some(now) if now.work == Work::Long && last.as_ref() == Some(now) => true,
                 Some(_) => started.elapsed() > patience,
-                None => unsigned.get_or_insert_with(Instant::now).elapsed() > UNSIGNED.min(patience),
+                None => unsigned.get_or_insert_with(Instant::now).elapsed() > MAX_UNSIGNED.min(patience),
             };
             if give_up {
                 let holder = Box::new(holder.unwrap_or_else(Holder::unknown));
@@ -194,7 +194,7 @@ impl Holder {
         let variable = |name: &str| std::env::var(name).ok().filter(|v| !v.is_empty());
         let host = crate::process::host_name().or_else(|| variable("HOSTNAME"));
         Self {
-            user: variable("USER").or_else(|| variable("LOGNAME")).unwrap_or_else(|| "somebody".into()),
+            user: variable("USER").or_else(|| variable("LOGNAME")).unwrap_or_else(|| "an unknown user".into()),
             host: host.unwrap_or_else(|| "this machine".into()),
             pid: std::process::id(),
             command: command.to_owned(),
@@ -205,7 +205,7 @@ impl Holder {
 
     fn unknown() -> Self {
         Self {
-            user: "somebody".into(),
+            user: "an unknown user".into(),
             host: "this machine".into(),
             pid: 0,
             command: "volseggs".into(),
@@ -226,7 +226,7 @@ impl fmt::Display for Holder {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { user, host, pid, command, .. } = self;
         let seconds = now().saturating_sub(self.since) as f64;
-        write!(f, "`{command}` of {user} (process {pid} on {host}, for {})", crate::durations::duration(seconds))
+        write!(f, "`{command}`, run by {user} (process {pid} on {host}, for {})", crate::durations::duration(seconds))
     }
 }
 
@@ -240,37 +240,37 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     #[test]
-    fn long_work_refuses_others_by_name_and_short_work_lets_them_wait() {
+    fn long_work_refuses_others_and_names_its_holder_and_short_work_lets_them_wait() {
         let dir = tempfile::tempdir().unwrap();
         let held = RunLock::acquire(dir.path(), "volseggs train", Work::Long).unwrap();
         let started = Instant::now();
         let error = RunLock::acquire(dir.path(), "volseggs edit", Work::Short).unwrap_err().to_string();
-        assert!(error.contains("`volseggs train` of") && error.contains("process"), "{error}");
+        assert!(error.contains("`volseggs train`, run by") && error.contains("process"), "{error}");
         assert!(started.elapsed() < Duration::from_secs(2));
         assert_eq!(RunLock::is_held(dir.path()), Some(true));
         drop(held);
         assert_eq!(RunLock::is_held(dir.path()), Some(false));
-        let (inside, most) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        let (inside, max_inside) = (AtomicUsize::new(0), AtomicUsize::new(0));
         std::thread::scope(|s| {
             for _ in 0..8 {
                 s.spawn(|| {
                     let _lock = RunLock::acquire(dir.path(), "volseggs edit", Work::Short).unwrap();
-                    most.fetch_max(inside.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
+                    max_inside.fetch_max(inside.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
                     std::thread::sleep(Duration::from_millis(5));
                     inside.fetch_sub(1, Ordering::SeqCst);
                 });
             }
         });
-        assert_eq!(most.into_inner(), 1);
+        assert_eq!(max_inside.into_inner(), 1);
     }
 
     #[test]
-    fn one_that_has_waited_long_is_not_refused_for_a_lock_that_is_just_being_signed() {
+    fn a_long_waiter_is_not_refused_while_the_lock_file_is_unsigned() {
         let dir = tempfile::tempdir().unwrap();
         let held = RunLock::acquire(dir.path(), "volseggs edit", Work::Short).unwrap();
         std::thread::scope(|s| {
             let waiting = s.spawn(|| RunLock::acquire(dir.path(), "volseggs edit", Work::Short).map(drop));
-            std::thread::sleep(UNSIGNED + Duration::from_millis(300));
+            std::thread::sleep(MAX_UNSIGNED + Duration::from_millis(300));
             // as between acquiring the lock and signing the file
             held._file.set_len(0).unwrap();
             std::thread::sleep(Duration::from_millis(100));
@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn what_killed_writers_left_in_the_run_is_removed() {
+    fn temporaries_of_killed_writers_are_removed() {
         let dir = tempfile::tempdir().unwrap();
         let pictures = dir.path().join("eval/test/pictures");
         std::fs::create_dir_all(&pictures).unwrap();
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_dead_process_wrote_into_the_file_holds_nobody_back() {
+    fn the_record_of_a_dead_process_blocks_nobody() {
         let dir = tempfile::tempdir().unwrap();
         let text = serde_json::to_string(&Holder::me("volseggs train", Work::Long)).unwrap();
         assert!(RunLock::is_held(dir.path()) == Some(false) && !dir.path().join(FILE).exists());

@@ -6,7 +6,7 @@ use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 
 /// Size in bytes up to which files are read without checking that they fit into memory.
-const UNASKED: u64 = 1 << 26;
+const MAX_UNCHECKED: u64 = 1 << 26;
 
 /// Opens a regular file (or a link to one) for reading. The errors do not name the path.
 ///
@@ -34,7 +34,7 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
 fn open_whole(path: &Path) -> io::Result<(File, u64)> {
     let file = open_regular(path)?;
     let len = file.metadata()?.len();
-    if len > UNASKED {
+    if len > MAX_UNCHECKED {
         // read and then parsed, so it is in memory twice
         let free = Budget::now().check("reading it", u128::from(len) * 2);
         free.map_err(|e| io::Error::new(ErrorKind::InvalidInput, e))?;
@@ -59,12 +59,12 @@ pub fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
 /// As [`read_regular`]; `InvalidData` if it is not UTF-8.
 pub fn read_text(path: &Path) -> io::Result<String> {
     String::from_utf8(read_regular(path)?)
-        .map_err(|_| io::Error::new(ErrorKind::InvalidData, "the file is no text (not UTF-8)"))
+        .map_err(|_| io::Error::new(ErrorKind::InvalidData, "the file is not UTF-8 text"))
 }
 
 /// Whether the user can fix the error by giving another path or file; otherwise the system failed or refused.
 #[must_use]
-pub fn is_mendable(error: &io::Error) -> bool {
+pub fn is_user_error(error: &io::Error) -> bool {
     use ErrorKind::{InvalidData, InvalidInput, IsADirectory, NotADirectory, NotFound, UnexpectedEof};
     matches!(error.kind(), NotFound | InvalidInput | InvalidData | IsADirectory | NotADirectory | UnexpectedEof)
 }
@@ -111,20 +111,20 @@ mod tests {
             assert_eq!(read_regular(&link).unwrap(), b"text");
         }
         std::fs::write(&path, [0xff, 0xfe]).unwrap();
-        assert!(read_text(&path).unwrap_err().to_string().contains("no text"));
-        assert!(is_mendable(&read_text(Path::new("not/there")).unwrap_err()));
+        assert!(read_text(&path).unwrap_err().to_string().contains("not UTF-8 text"));
+        assert!(is_user_error(&read_text(Path::new("not/there")).unwrap_err()));
     }
 
     #[test]
     #[cfg(target_os = "linux")]
-    fn nothing_else_is_opened_and_nothing_waits() {
+    fn pipes_folders_and_devices_are_refused_without_waiting() {
         let dir = tempfile::tempdir().unwrap();
         let pipe = dir.path().join("pipe");
         rustix::fs::mknodat(rustix::fs::CWD, &pipe, rustix::fs::FileType::Fifo, rustix::fs::Mode::RUSR, 0).unwrap();
         for (path, word) in [(pipe.as_path(), "a pipe"), (dir.path(), "a folder"), (Path::new("/dev/null"), "a device")]
         {
             let error = open_regular(path).unwrap_err();
-            assert!(error.to_string().contains(word) && is_mendable(&error), "{error}");
+            assert!(error.to_string().contains(word) && is_user_error(&error), "{error}");
         }
     }
 }

@@ -29,7 +29,7 @@ pub struct FolderKind {
 #[derive(Debug, thiserror::Error)]
 pub enum ReplaceError {
     /// It is not recognised as the program's own.
-    #[error("{}: {reason}, so it is not replaced; choose another name, or remove it yourself", path.display())]
+    #[error("{}: {reason}, so it is not replaced; choose another name or remove it yourself", path.display())]
     Foreign {
         /// The file or folder.
         path: PathBuf,
@@ -37,7 +37,7 @@ pub enum ReplaceError {
         reason: String,
     },
     /// It contains something that is needed.
-    #[error("{}: holds {}, which is in use, so it is not replaced; choose another name", path.display(), inner.display())]
+    #[error("{}: contains {}, which is in use, so it is not replaced; choose another name", path.display(), inner.display())]
     Needed {
         /// The folder.
         path: PathBuf,
@@ -80,7 +80,7 @@ impl FolderKind {
         let foreign = |reason: String| Err(ReplaceError::Foreign { path: path.into(), reason });
         let io = |source| ReplaceError::Io { path: path.into(), source };
         let kind = match path.symlink_metadata() {
-            Err(_) if path.file_name().is_none() => return foreign("is no name of a folder".into()),
+            Err(_) if path.file_name().is_none() => return foreign("does not end in a folder name".into()),
             Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),
             found => found.map_err(io)?.file_type(),
         };
@@ -104,7 +104,7 @@ impl FolderKind {
         let patterns: Vec<glob::Pattern> = patterns.filter_map(Result::ok).collect();
         let options = glob::MatchOptions { require_literal_separator: true, ..glob::MatchOptions::default() };
         match files.iter().find(|f| !patterns.iter().any(|p| p.matches_path_with(f, options))) {
-            Some(file) => foreign(format!("holds {}, which does not belong to {}", file.display(), self.what)),
+            Some(file) => foreign(format!("contains {}, which does not belong to {}", file.display(), self.what)),
             None => Ok(()),
         }
     }
@@ -152,7 +152,7 @@ pub fn check_file(path: &Path) -> Result<(), ReplaceError> {
     let foreign = |reason: &str| Err(ReplaceError::Foreign { path: path.into(), reason: reason.into() });
     let io = |source| ReplaceError::Io { path: path.into(), source };
     if path.file_name().is_none() {
-        return foreign("is no name of a file");
+        return foreign("does not end in a file name");
     }
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
     if let Some(folder) = folder.filter(|f| !f.is_dir()) {
@@ -163,7 +163,7 @@ pub fn check_file(path: &Path) -> Result<(), ReplaceError> {
         found => found.map_err(io)?.file_type(),
     };
     if !kind.is_file() {
-        return foreign(if kind.is_dir() { "is a folder" } else { "is no regular file" });
+        return foreign(if kind.is_dir() { "is a folder" } else { "is not a regular file" });
     }
     let (head, end) = ends(path).map_err(io)?;
     if head.is_empty() || head.windows(MARK.len()).any(|w| w == MARK.as_bytes()) || end == MARK.as_bytes() {
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_folder_of_its_own_kind_gives_way() {
+    fn only_a_folder_of_the_same_kind_is_replaced() {
         for good in [&[][..], &["prepare.json"], &["prepare.json", "train", "a.txt", "r_3.png", ".tmp-x-1-0"]] {
             KIND.check(folder(good).path(), &[]).unwrap();
         }
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_needed_stays() {
+    fn a_folder_with_needed_content_is_not_replaced() {
         let dir = folder(&["prepare.json", "train"]);
         let inner = dir.path().join("train");
         assert!(refusal(dir.path(), &[&inner]).contains("which is in use"));
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_file_with_the_mark_gives_way() {
+    fn only_a_file_with_the_mark_is_replaced() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("x");
         check_file(&path).unwrap();

@@ -24,7 +24,7 @@ pub enum JsonlError {
         source: io::Error,
     },
     /// A complete line is not JSON.
-    #[error("{path}:{line}: not a JSON line: {source}; mend or remove that line, or the file")]
+    #[error("{path}:{line}: not a JSON line: {source}; fix or remove that line, or remove the file")]
     Line {
         /// The file.
         path: PathBuf,

@@ -104,7 +104,7 @@ impl EventWriter {
         if rgb.is_empty() || rgb.len() as u64 != expected {
             return Err(io::Error::new(
                 io::ErrorKind::InvalidInput,
-                format!("image {tag} of {width}x{height} asks for {expected} bytes, got {}", rgb.len()),
+                format!("image {tag} of {width}x{height} needs {expected} bytes, got {}", rgb.len()),
             ));
         }
         let mut png = Vec::new();

@@ -23,7 +23,7 @@ impl Method for D3dgs {
 
     fn check(&self, config: &Config) -> Result<(), String> {
         let Some(network) = &config.d3dgs else {
-            return Err(format!("method = \"{NAME}\" asks for the section [{NAME}]: begin with --method {NAME}"));
+            return Err(format!("method = \"{NAME}\" needs the section [{NAME}]: start with --method {NAME}"));
         };
         d3dgs::check(network)?;
         if config.model.embedding > 0 {

@@ -111,20 +111,20 @@ fn one_image_is_learnt_by_heart_and_the_file_draws_it() {
 
 #[test]
 fn settings_of_another_method_are_refused() {
-    let told = |config: &Config| method::check(config).unwrap_err().to_string();
+    let error = |config: &Config| method::check(config).unwrap_err().to_string();
     let mut ours = config(&[]);
     ours.method = "volseggs".into();
-    assert!(told(&ours).contains("[d3dgs]: is of the method d3dgs"), "{}", told(&ours));
+    assert!(error(&ours).contains("[d3dgs]: belongs to the method d3dgs"), "{}", error(&ours));
     let none = Config { method: "d3dgs".into(), ..Config::default() };
-    assert!(told(&none).contains("section [d3dgs]"), "{}", told(&none));
+    assert!(error(&none).contains("section [d3dgs]"), "{}", error(&none));
     for (key, words) in
         [("d3dgs.skip=4", "d3dgs.skip = 4: below"), ("d3dgs.octaves=25", "d3dgs.octaves = 25: from 0 to 24")]
     {
-        assert!(told(&config(&[key])).contains(words), "{}", told(&config(&[key])));
+        assert!(error(&config(&[key])).contains(words), "{}", error(&config(&[key])));
     }
     for key in ["speed.cull_visits=4", "model.embedding=4"] {
         let name = key.split('=').next().unwrap();
-        assert!(told(&config(&[key])).contains(name), "{}", told(&config(&[key])));
+        assert!(error(&config(&[key])).contains(name), "{}", error(&config(&[key])));
     }
     method::check(&config(&[])).unwrap();
 }

@@ -41,7 +41,8 @@ pub(super) fn read<S: DeserializeOwned>(path: &Path, method: &str) -> Result<Mod
     let (tensors, header) = read_tensors(path)?;
     refuse_not_finite(path, &tensors)?;
     let text = header.get(method);
-    let text = text.ok_or_else(|| wrong(path, format!("no `{method}` entry in its header: of another method")))?;
+    let text =
+        text.ok_or_else(|| wrong(path, format!("no `{method}` entry in its header: it is of another method")))?;
     let spec = serde_json::from_str(text).map_err(|e| wrong(path, format!("header: {e}")))?;
     Ok(ModelFile { spec, tensors })
 }

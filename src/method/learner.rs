@@ -38,7 +38,7 @@ impl<M: Module> Learner<M> {
     pub fn module(&self) -> &M {
         match &self.module {
             Some(module) => module,
-            None => unreachable!("the optimiser gives the module back"),
+            None => unreachable!("the optimiser returns the module"),
         }
     }
 

@@ -156,7 +156,7 @@ pub fn find(name: &str) -> Result<Found, String> {
     let built_in = BUILT_IN.iter().find(|(known, _)| *known == name);
     built_in.map(|(_, method)| Found::BuiltIn(*method)).ok_or_else(|| {
         let known: Vec<String> = names();
-        format!("there is no method \"{name}\"; there is {}", known.join(", "))
+        format!("there is no method \"{name}\"; available: {}", known.join(", "))
     })
 }
 
@@ -193,7 +193,7 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
 fn check_sections(config: &Config, method: &Found) -> Result<(), String> {
     if let (Found::BuiltIn(_), Some(key)) = (method, config.method_settings.keys().next()) {
         return Err(format!(
-            "method_settings.{key}: is read by methods of programs of one's own; {} has keys of its own (`volseggs config \
+            "method_settings.{key}: is read only by methods of custom programs; {} has its own keys (`volseggs config \
              show`)",
             config.method
         ));
@@ -207,7 +207,7 @@ fn check_sections(config: &Config, method: &Found) -> Result<(), String> {
     ];
     match sections.into_iter().find(|(name, is_there)| *is_there && config.method != *name) {
         Some((name, _)) => {
-            Err(format!("[{name}]: is of the method {name}; set method = \"{name}\", or leave the section out"))
+            Err(format!("[{name}]: belongs to the method {name}; set method = \"{name}\", or remove the section"))
         }
         None => Ok(()),
     }

@@ -167,7 +167,7 @@ impl<N: Network> Drawer<N> {
     fn module(&self) -> &N::Module {
         match &self.module {
             Some(module) => module,
-            None => unreachable!("the optimiser gives the network back"),
+            None => unreachable!("the optimiser returns the network"),
         }
     }
 }

@@ -58,7 +58,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     #[test]
-    fn an_epoch_has_as_many_pixels_of_each_view_none_twice() {
+    fn an_epoch_has_equally_many_distinct_pixels_of_each_view() {
         let pixels = Pixels::new(3, 50, 20, 7);
         // 7.5 steps per epoch
         let all: Vec<Pixel> = (0..15).flat_map(|step| pixels.of_step(step, 8)).collect();
@@ -68,10 +68,10 @@ mod tests {
             assert!((0..3).all(|view| epoch.iter().filter(|p| p.view == view).count() == 20));
             assert!(epoch.iter().all(|p| p.at < 50));
         }
-        assert_ne!(epochs[0], epochs[1], "drawn anew");
+        assert_ne!(epochs[0], epochs[1], "pixels are redrawn in each epoch");
         let views: Vec<usize> = all.iter().take(8).map(|p| p.view).collect();
         assert!(views.iter().any(|v| *v != views[0]), "a step mixes views: {views:?}");
         let all: BTreeSet<Pixel> = Pixels::new(2, 5, 9, 0).of_step(0, 10).into_iter().collect();
-        assert_eq!(all.len(), 10, "an epoch has no more of a view than there are");
+        assert_eq!(all.len(), 10, "an epoch has at most all pixels of a view");
     }
 }

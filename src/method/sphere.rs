@@ -52,7 +52,7 @@ impl ViewSphere {
     /// A description of what is wrong.
     pub fn check(&self) -> Result<(), String> {
         if self.up > 2 || !self.centre.is_finite() || !(self.half_size > 0.0 && self.half_size.is_finite()) {
-            return Err("sphere: its axis is 0, 1 or 2, its centre finite, half_size above 0".into());
+            return Err("sphere: its axis must be 0, 1 or 2, its centre finite, half_size above 0".into());
         }
         Ok(())
     }

@@ -123,7 +123,7 @@ pub enum LpipsError {
         tensor: String,
     },
     /// An image does not hold `height * width * 3` values.
-    #[error("the images hold {a} and {b} values, expected {height} * {width} * 3; give RGB images of one size")]
+    #[error("the images hold {a} and {b} values, expected {height} * {width} * 3; give RGB images of the same size")]
     Size {
         /// Values in the first image.
         a: usize,

@@ -53,14 +53,14 @@ pub fn to_8_bits(value: f32) -> f32 {
 /// # Errors
 /// As [`psnr`].
 pub fn psnr_of_pictures(a: &[f32], b: &[f32]) -> Result<f64, MetricError> {
-    let most = most_of_pictures(a.len());
+    let most = max_psnr_of_pictures(a.len());
     // NaN is kept
     psnr(a, b).map(|value| if value > most { most } else { value })
 }
 
 /// The PSNR in dB assigned to equal 8-bit images of `values` values.
 #[must_use]
-pub fn most_of_pictures(values: usize) -> f64 {
+pub fn max_psnr_of_pictures(values: usize) -> f64 {
     20.0 * 255f64.log10() + 10.0 * (values as f64).log10()
 }
 
@@ -70,7 +70,7 @@ mod tests {
     use crate::metrics::ssim::tests::images;
 
     #[test]
-    fn equal_pictures_count_as_a_step_of_one_value() {
+    fn equal_pictures_have_the_psnr_of_one_differing_value() {
         let a = [0.2f32, 0.4, 0.6, 0.8, 1.0, 0.0].map(|v| (v * 255.0).round() / 255.0);
         let mut b = a;
         b[3] -= 1.0 / 255.0;

@@ -29,7 +29,7 @@ pub const NORMALS: &str = "headlight.normals";
 pub const MATERIAL_NAME: &str = "gaussians.headlight.material";
 
 /// Initial material: the default of the transfer functions.
-const FIRST: Material = Material { ambient: 0.3, specular: 0.2, exponent: 20.0 };
+const INITIAL_MATERIAL: Material = Material { ambient: 0.3, specular: 0.2, exponent: 20.0 };
 
 /// The shading parameters trained beside the Gaussians' other attributes.
 #[derive(Module, Debug)]
@@ -67,7 +67,7 @@ pub struct HostShading {
 /// No Gaussians, with the initial material.
 impl Default for HostShading {
     fn default() -> Self {
-        Self { normals: Vec::new(), material: FIRST.to_trained(), light: Light::Head }
+        Self { normals: Vec::new(), material: INITIAL_MATERIAL.to_trained(), light: Light::Head }
     }
 }
 
@@ -181,8 +181,8 @@ mod tests {
             embedding: None,
         };
         let baked = gaussian.baked();
-        assert_eq!((baked.sh_stride, &baked.shading, baked.misshapen()), (9, &None, None));
-        assert_eq!(baked.sh[3..12], gaussian.sh[3..12], "what is left stays");
+        assert_eq!((baked.sh_stride, &baked.shading, baked.mismatched_column()), (9, &None, None));
+        assert_eq!(baked.sh[3..12], gaussian.sh[3..12], "the rest is unchanged");
         // numerically: integrals over the sphere of the shaded colour times each function of bands 0 and 2
         let directions = crate::segment::colour::fibonacci_sphere(20_000);
         let mut sums = [[0.0f64; 3]; 9];

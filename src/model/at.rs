@@ -63,13 +63,13 @@ impl Scene {
     }
 
     /// Opacities `[N]` of the Gaussians marked in `asked` `[N]`, each at the first of eleven evenly spaced times,
-    /// distant times first, at which it is at least `least`; 0 if there is none. Unmarked Gaussians are 0 and cost
-    /// nothing; a Gaussian already found is not evaluated again.
+    /// distant times first, at which it is at least `min_opacity`; 0 if there is none. Unmarked Gaussians are 0 and
+    /// cost nothing; a Gaussian already found is not evaluated again.
     ///
     /// # Panics
     /// If `asked` is not of length N.
     #[must_use]
-    pub fn opacity_at_other_times(&self, asked: &[bool], least: f32) -> Vec<f32> {
+    pub fn opacity_at_other_times(&self, asked: &[bool], min_opacity: f32) -> Vec<f32> {
         // far apart first, so that few soon remain open
         const TENTHS: [u8; 11] = [0, 10, 3, 7, 5, 1, 9, 2, 8, 4, 6];
         assert_eq!(asked.len(), self.gaussians.count(), "asked: [N]");
@@ -83,7 +83,7 @@ impl Scene {
             let at = self.rows(&all, &open).inputs(f32::from(tenths) / 10.0).opacity_logits;
             let mut now = to_vec(at).into_iter().map(sigmoid);
             open.retain(|&i| {
-                let found = now.next().filter(|opacity| *opacity >= least);
+                let found = now.next().filter(|opacity| *opacity >= min_opacity);
                 seen[i as usize] = found.unwrap_or(0.0);
                 found.is_none()
             });

@@ -19,7 +19,7 @@ const OUTPUTS: [usize; 3] = [3, 4, 3];
 /// Their sum.
 const OUTPUT_COLUMNS: usize = 10;
 /// Lower bound on a standard deviation after the changes, world units.
-const LEAST_SCALE: f32 = 1e-8;
+const MIN_SCALE: f32 = 1e-8;
 
 /// The network of the authors' code: eight layers of 256 with ReLU, whose input is concatenated again with the output
 /// of the fifth, and a linear layer for the changes of mean, rotation and scale. Colours and opacity are unchanged. No
@@ -101,7 +101,7 @@ impl DeformationNetwork {
         SplatInputs {
             means: means + columns(0, to_mean),
             rotations: rotations / length + columns(to_mean, to_mean + to_rotation),
-            log_scales: scales.powi_scalar(2).clamp_min(LEAST_SCALE * LEAST_SCALE).log().mul_scalar(0.5),
+            log_scales: scales.powi_scalar(2).clamp_min(MIN_SCALE * MIN_SCALE).log().mul_scalar(0.5),
             opacity_logits: gaussians.opacity_logits.val(),
             sh: gaussians.sh.val(),
             screen_offsets: None,
@@ -136,7 +136,7 @@ fn inputs(config: &D3dgsConfig, i: usize) -> usize {
 /// The first such key with its value and the allowed range.
 pub fn check(config: &D3dgsConfig) -> Result<(), String> {
     let D3dgsConfig { depth, skip, .. } = *config;
-    // (key, value, least, most)
+    // (key, value, min, max)
     let ranges = [
         ("octaves", config.octaves, 0, MAX_OCTAVES),
         ("time_octaves", config.time_octaves, 0, MAX_OCTAVES),
@@ -145,15 +145,13 @@ pub fn check(config: &D3dgsConfig) -> Result<(), String> {
         ("width", config.width, 1, MAX_WIDTH),
         ("depth", depth, 1, MAX_DEPTH),
     ];
-    for (name, value, least, most) in ranges {
-        if !(least..=most).contains(&value) {
-            return Err(format!("d3dgs.{name} = {value}: from {least} to {most}"));
+    for (name, value, min, max) in ranges {
+        if !(min..=max).contains(&value) {
+            return Err(format!("d3dgs.{name} = {value}: from {min} to {max}"));
         }
     }
     if skip >= depth {
-        return Err(format!(
-            "d3dgs.skip = {skip}: below d3dgs.depth = {depth}, as a layer must come after it; 0 for never"
-        ));
+        return Err(format!("d3dgs.skip = {skip}: below d3dgs.depth = {depth}, as a layer must follow it; 0 for none"));
     }
     Ok(())
 }

@@ -63,7 +63,7 @@ impl Parameters {
         let found = self.0.iter().find(|(n, shape, _)| n == name && shape.len() == D);
         let Some((_, shape, tensor)) = found else {
             let listed: Vec<String> = self.0.iter().map(|(n, shape, _)| format!("{n} {shape:?}")).collect();
-            panic!("the encoder has no parameter \"{name}\" of {D} extents; it lists {}", listed.join(", "));
+            panic!("the encoder has no parameter \"{name}\" of {D} dimensions; it lists {}", listed.join(", "));
         };
         let mut extents = [0; D];
         extents.copy_from_slice(shape);

@@ -118,11 +118,11 @@ fn define(config: &ModelConfig, seed: u64) -> Result<(Arc<dyn EncoderDefinition>
     for (i, p) in parameters.iter().enumerate() {
         let wanted: usize = p.shape.iter().product();
         let reason = if wanted == 0 {
-            format!("shape {:?} holds nothing", p.shape)
+            format!("shape {:?} is empty", p.shape)
         } else if p.start.len() != wanted {
-            format!("shape {:?} holds {wanted} values, {} are given", p.shape, p.start.len())
+            format!("shape {:?} needs {wanted} values, but {} are given", p.shape, p.start.len())
         } else if !p.start.iter().all(|v| v.is_finite()) {
-            "a first value is not finite".to_owned()
+            "an initial value is not finite".to_owned()
         } else if parameters[..i].iter().any(|other| other.name == p.name) {
             "listed twice".to_owned()
         } else {
@@ -181,7 +181,7 @@ mod tests {
         let zeros = |name: &str, n: usize| Parameter::new(name, [n], vec![0.0; n]);
         let cases = [
             ("test-short", vec![Parameter::new("table", [2, 3], vec![0.0; 5])], 1, "5 are given"),
-            ("test-empty", vec![zeros("table", 0)], 1, "holds nothing"),
+            ("test-empty", vec![zeros("table", 0)], 1, "is empty"),
             ("test-twice", vec![zeros("table", 1), zeros("table", 2)], 1, "listed twice"),
             ("test-nan", vec![Parameter::from_fn("table", [4], || f32::NAN)], 1, "not finite"),
             ("test-none", vec![zeros("table", 1)], 0, "0 features"),
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    #[should_panic(expected = "no parameter \"wieght\" of 2 extents; it lists weight [3, 2]")]
+    #[should_panic(expected = "no parameter \"wieght\" of 2 dimensions; it lists weight [3, 2]")]
     fn a_parameter_that_is_not_listed_is_named() {
         let device = DeviceName::all()[0].open().unwrap();
         let parameters = Parameters::start(vec![Parameter::from_fn("weight", [3, 2], || 0.0)], &device);

@@ -142,7 +142,7 @@ impl HostGaussians {
 
     /// The first attribute that does not hold N rows of its width, as `(column, expected number of values)`.
     #[must_use]
-    pub fn misshapen(&self) -> Option<(Column<'_>, usize)> {
+    pub fn mismatched_column(&self) -> Option<(Column<'_>, usize)> {
         let n = self.len();
         self.columns().map(|c| (c, n * c.width)).find(|(c, wanted)| c.values.len() != *wanted)
     }
@@ -303,14 +303,14 @@ mod tests {
     #[test]
     fn columns_are_all_there_is_and_go_back_together() {
         let all = three();
-        assert_eq!((all.len(), all.sh_degree(), all.misshapen()), (3, 1, None));
+        assert_eq!((all.len(), all.sh_degree(), all.mismatched_column()), (3, 1, None));
         assert_eq!(all.map(|column| column.values.to_vec()), all);
         assert_eq!(all.map(|column| vec![0.0; column.values.len()]), HostGaussians::zeros(3, 4));
         let names = |g: &HostGaussians| g.columns().map(|c| c.name).collect::<Vec<_>>();
         assert_eq!(names(&all), ["means", "rotations", "log_scales", "opacity_logits", "sh"]);
         assert_eq!(all.columns().nth(1).unwrap().row(2), [108.0, 109.0, 110.0, 111.0]);
         let some = all.subset(&[2, 0]);
-        assert_eq!((some.misshapen(), some.opacity_logits.as_slice()), (None, [302.0, 300.0].as_slice()));
+        assert_eq!((some.mismatched_column(), some.opacity_logits.as_slice()), (None, [302.0, 300.0].as_slice()));
         assert_eq!(some.subset(&[1]), all.subset(&[0]));
         let shaded = shaded();
         assert_eq!(shaded.map(|column| column.values.to_vec()), shaded);
@@ -322,12 +322,12 @@ mod tests {
     }
 
     #[test]
-    fn wrong_lengths_and_numbers_that_are_none_are_named() {
+    fn wrong_lengths_and_non_finite_values_are_named() {
         let mut all = three();
         all.log_scales[4] = f32::NAN;
         assert_eq!([0, 1, 2].map(|i| all.is_finite(i)), [true, false, true]);
         all.log_scales.pop();
-        let (column, wanted) = all.misshapen().unwrap();
+        let (column, wanted) = all.mismatched_column().unwrap();
         assert_eq!((column.name, column.values.len(), wanted), ("log_scales", 8, 9));
     }
 

@@ -236,15 +236,15 @@ mod tests {
         let hybrid = field_parameters(&paper) as f64;
         let implied = |gaussians: f64| floats(37.36) - 62.0 * gaussians - decoder;
         let max_gaussians = (floats(43.48) - hybrid) / 62.0;
-        let (least, most) = (implied(max_gaussians), implied(150_000.0));
-        assert!(least > 0.38e6 && most < 0.473e6, "{least} {most}");
+        let (low, high) = (implied(max_gaussians), implied(150_000.0));
+        assert!(low > 0.38e6 && high < 0.473e6, "{low} {high}");
         let count = encoder_parameters(&config);
         assert_eq!(count, 450_368);
-        assert!((least..most).contains(&(count as f64)) && (380_000..460_000).contains(&count), "{count}");
+        assert!((low..high).contains(&(count as f64)) && (380_000..460_000).contains(&count), "{count}");
     }
 
     #[test]
-    fn it_starts_with_features_that_tell_places_apart_and_differs_by_seed() {
+    fn initial_features_distinguish_places_and_differ_by_seed() {
         let device = DeviceName::all()[0].open().unwrap();
         let config = ModelConfig { encoder: EncoderKind::Implicit, ..Config::default().model };
         let encoder = |seed: u64| ImplicitEncoder::new(&config, seed, &device);
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn octaves_and_the_second_input_may_be_none() {
+    fn octaves_and_skip_may_be_zero() {
         let device = DeviceName::all()[0].open().unwrap();
         let mut config = tiny();
         (config.implicit_octaves, config.implicit_time_octaves) = (0, 0);

@@ -3,7 +3,7 @@
 //! Per-Gaussian attributes are in fixed point, each component of an attribute (each harmonics coefficient) with its own
 //! range: means in 16 bits, as an error of half a pixel would be visible, the others in 8. A tensor `NAME` of type U8
 //! or U16 is accompanied by `NAME.range`, f32 `[2, C]`: the lowest value and the step of each of the C components, so
-//! that a value is `least + step * q`. Everything else (the field, the decoder) is in half precision. Tensors with
+//! that a value is `lowest + step * q`. Everything else (the field, the decoder) is in half precision. Tensors with
 //! values that neither form can hold stay f32.
 
 use super::appearance::MATERIAL_NAME;
@@ -63,15 +63,15 @@ fn fixed(name: &str, tensor: &HostTensor, bits: u32) -> (Stored, Stored) {
     let rows = tensor.shape.first().copied().unwrap_or(1).max(1);
     let columns = tensor.values.len() / rows;
     let column = |c: usize| tensor.values.iter().skip(c).step_by(columns).copied();
-    let most = (1u32 << bits) - 1;
-    let ranges: Vec<Range> = (0..columns).map(|c| Range::of(column(c), most)).collect();
+    let max_step = (1u32 << bits) - 1;
+    let ranges: Vec<Range> = (0..columns).map(|c| Range::of(column(c), max_step)).collect();
     let steps = tensor.values.iter().enumerate().map(|(i, v)| ranges[i % columns].step_of(*v));
     let (dtype, bytes) = match bits {
         8 => (Dtype::U8, steps.map(|q| q as u8).collect()),
         _ => (Dtype::U16, steps.flat_map(|q| (q as u16).to_le_bytes()).collect()),
     };
     let values = Stored { name: name.to_owned(), dtype, shape: tensor.shape.clone(), bytes };
-    let numbers = ranges.iter().map(|r| r.least).chain(ranges.iter().map(|r| r.step)).collect();
+    let numbers = ranges.iter().map(|r| r.lowest).chain(ranges.iter().map(|r| r.step)).collect();
     let range = HostTensor { shape: vec![2, columns], values: numbers };
     (values, Stored::full(&format!("{name}{RANGE}"), &range))
 }
@@ -79,25 +79,25 @@ fn fixed(name: &str, tensor: &HostTensor, bits: u32) -> (Stored, Stored) {
 /// The mapping from fixed-point steps to values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Range {
-    least: f32,
+    lowest: f32,
     step: f32,
-    most: u32,
+    max_step: u32,
 }
 
 impl Range {
     /// Spans the lowest to the highest value. Excluding outliers would make the steps of the others finer, but cost
     /// more than it gains: in squared error a value clipped by D weighs as much as rounding to steps of D / 255 does in
     /// 780,000 others.
-    fn of(values: impl Iterator<Item = f32>, most: u32) -> Self {
-        let ends = values.fold((f32::INFINITY, f32::NEG_INFINITY), |(least, last), v| (least.min(v), last.max(v)));
+    fn of(values: impl Iterator<Item = f32>, max_step: u32) -> Self {
+        let ends = values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
         // divided first: the difference of two large numbers could overflow
-        Self { least: ends.0, step: (ends.1 / most as f32) - (ends.0 / most as f32), most }
+        Self { lowest: ends.0, step: (ends.1 / max_step as f32) - (ends.0 / max_step as f32), max_step }
     }
 
     fn step_of(&self, value: f32) -> u32 {
-        let place = if self.step > 0.0 { (value - self.least) / self.step } else { 0.0 };
+        let place = if self.step > 0.0 { (value - self.lowest) / self.step } else { 0.0 };
         // a cast from float saturates
-        (place.round() as u32).min(self.most)
+        (place.round() as u32).min(self.max_step)
     }
 }
 
@@ -120,8 +120,8 @@ pub(super) fn unpack(view: &TensorView<'_>, range: Option<&TensorView<'_>>) -> R
 }
 
 /// The value of step `q`.
-fn value(least: f32, step: f32, q: u32) -> f32 {
-    least + step * q as f32
+fn value(lowest: f32, step: f32, q: u32) -> f32 {
+    lowest + step * q as f32
 }
 
 fn floats(bytes: &[u8]) -> Vec<f32> {
@@ -135,14 +135,14 @@ fn ranged(
 ) -> Result<Vec<f32>, String> {
     let columns: usize = shape.iter().skip(1).product();
     let Some(range) = range else {
-        return Err(format!("is in fixed point, and there is no tensor of its name with {RANGE}"));
+        return Err(format!("is in fixed point, but its ranges, the tensor of its name with `{RANGE}`, are missing"));
     };
     if range.dtype() != Dtype::F32 || range.shape() != [2, columns] || columns == 0 {
         return Err(format!("has ranges of shape {:?}, expected [2, {columns}] of F32", range.shape()));
     }
     let numbers = floats(range.data());
-    let (least, step) = numbers.split_at(columns);
-    Ok(steps.enumerate().map(|(i, q)| value(least[i % columns], step[i % columns], q)).collect())
+    let (lowest, step) = numbers.split_at(columns);
+    Ok(steps.enumerate().map(|(i, q)| value(lowest[i % columns], step[i % columns], q)).collect())
 }
 
 #[cfg(test)]
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_attribute_is_halved_and_what_does_not_fit_stays() {
+    fn other_tensors_are_halved_and_values_that_do_not_fit_are_kept() {
         let field = tensor(&[3], vec![0.1, -2.5, 1e-3]);
         let (dtype, found) = there_and_back("field.encoder.planes", &field);
         assert!(dtype == Dtype::F16 && found.iter().zip(&field.values).all(|(a, b)| (a / b - 1.0).abs() < 5e-4));
@@ -218,14 +218,14 @@ mod tests {
         #[test]
         fn a_value_is_at_most_half_a_step_off(
             values in prop::collection::vec(-1e30f32..1e30, 1..300),
-            most in prop::sample::select(vec![255u32, 65_535]),
+            max_step in prop::sample::select(vec![255u32, 65_535]),
         ) {
-            let range = Range::of(values.iter().copied(), most);
+            let range = Range::of(values.iter().copied(), max_step);
             prop_assert!(range.step.is_finite() && range.step >= 0.0);
             for v in values {
                 let q = range.step_of(v);
-                let off = (value(range.least, range.step, q) - v).abs();
-                prop_assert!(q <= most && off <= 0.51 * range.step + 1e-5 * v.abs(), "{v} {range:?}");
+                let off = (value(range.lowest, range.step, q) - v).abs();
+                prop_assert!(q <= max_step && off <= 0.51 * range.step + 1e-5 * v.abs(), "{v} {range:?}");
             }
         }
     }

@@ -96,7 +96,7 @@ pub enum FitError {
     #[error("tensor {0} is missing")]
     Missing(String),
     /// A shape differs.
-    #[error("tensor {name} has shape {found:?}, the configuration asks for {expected:?}")]
+    #[error("tensor {name} has shape {found:?}, the configuration requires {expected:?}")]
     Shape {
         /// The parameter.
         name: String,

@@ -30,7 +30,7 @@ pub enum SceneError {
     },
     /// A value is not finite.
     #[error(
-        "{path}: tensor {tensor}, row {row}: {value} is no finite number; the scene is damaged, go back to an older checkpoint or \
+        "{path}: tensor {tensor}, row {row}: {value} is not finite; the scene is damaged: use an older checkpoint or \
          train again"
     )]
     NotFinite {
@@ -119,11 +119,9 @@ const OLD_IMPLICIT: &str = "field.encoder.Implicit.first_weight";
 /// the spec before the tensors are loaded.
 fn check_spec(spec: &SceneSpec, tensors: &BTreeMap<String, HostTensor>) -> Result<(), String> {
     if tensors.contains_key(OLD_IMPLICIT) {
-        return Err(
-            "the implicit encoder of this scene is the one of two small layers that early versions had, which this \
-                    version has no more: train again, or read it with the version that wrote it"
-                .into(),
-        );
+        return Err("this scene has the implicit encoder of two small layers of early versions, which is no longer \
+                    supported: train again, or read it with the version that wrote it"
+            .into());
     }
     check_model(&spec.model)?;
     if spec.sh_degree > spec.model.sh_degree {
@@ -143,7 +141,7 @@ fn check_spec(spec: &SceneSpec, tensors: &BTreeMap<String, HostTensor>) -> Resul
         None => size::field_parameters(&spec.model),
     };
     if asked > held {
-        return Err(format!("the model has a field of {asked} values, the file holds {held}"));
+        return Err(format!("the model needs a field of {asked} values, but the file holds {held}"));
     }
     Ok(())
 }
@@ -151,7 +149,7 @@ fn check_spec(spec: &SceneSpec, tensors: &BTreeMap<String, HostTensor>) -> Resul
 /// Rejects a scene without Gaussians: not every backend can hold an empty tensor.
 fn refuse_empty(tensors: &BTreeMap<String, HostTensor>) -> Result<(), String> {
     let empty = |(name, tensor): (&String, &HostTensor)| name.starts_with("gaussians.") && tensor.values.is_empty();
-    if tensors.iter().any(empty) { Err("holds no Gaussian".to_owned()) } else { Ok(()) }
+    if tensors.iter().any(empty) { Err("holds no Gaussians".to_owned()) } else { Ok(()) }
 }
 
 /// Writes named tensors as safetensors with an optional header entry and a digest, atomically.
@@ -316,6 +314,6 @@ mod tests {
         let text = serde_json::to_string(&good.spec).unwrap();
         write_tensors(&path, &tensors, Some(("volseggs", text))).unwrap();
         let device = DeviceName::all()[0].open().unwrap();
-        assert!(Scene::load(&path, &device).unwrap_err().to_string().contains("holds no Gaussian"));
+        assert!(Scene::load(&path, &device).unwrap_err().to_string().contains("holds no Gaussians"));
     }
 }

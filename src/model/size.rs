@@ -38,24 +38,24 @@ pub fn check_model(config: &ModelConfig) -> Result<(), String> {
 
 fn check_implicit(config: &ModelConfig) -> Result<(), String> {
     let (depth, skip) = (config.implicit_depth, config.implicit_skip);
-    // (key, value, least, most)
+    // (key, value, min, max)
     let ranges = [
         ("octaves", config.implicit_octaves, 0, MAX_OCTAVES),
         ("time_octaves", config.implicit_time_octaves, 0, MAX_OCTAVES),
         ("width", config.implicit_width, 1, usize::MAX),
         ("depth", depth, 1, MAX_DEPTH),
     ];
-    for (name, value, least, most) in ranges {
-        if value < least {
-            return Err(format!("model.implicit_{name} = {value}: at least {least}"));
+    for (name, value, min, max) in ranges {
+        if value < min {
+            return Err(format!("model.implicit_{name} = {value}: at least {min}"));
         }
-        if value > most {
-            return Err(format!("model.implicit_{name} = {value}: at most {most}"));
+        if value > max {
+            return Err(format!("model.implicit_{name} = {value}: at most {max}"));
         }
     }
     if skip >= depth {
         return Err(format!(
-            "model.implicit_skip = {skip}: below model.implicit_depth = {depth}, as a layer must come after it; 0 for never"
+            "model.implicit_skip = {skip}: below model.implicit_depth = {depth}, as a layer must follow it; 0 for none"
         ));
     }
     Ok(())

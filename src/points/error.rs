@@ -70,7 +70,7 @@ pub(crate) fn check_len(field: &'static str, got: usize, want: usize, shape: &'s
 /// Checks that a slice holds whole rows of `row` values and returns the number of rows.
 pub(crate) fn rows(field: &'static str, got: usize, row: usize, shape: &'static str) -> Result<usize, PointsError> {
     if row == 0 {
-        return Err(PointsError::Setting { field, value: "of no columns".into(), want: "of at least one column" });
+        return Err(PointsError::Setting { field, value: "0 columns wide".into(), want: "at least 1 column wide" });
     }
     let count = got / row;
     check_len(field, got, if got.is_multiple_of(row) { got } else { (count + 1) * row }, shape)?;

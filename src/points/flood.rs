@@ -74,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn modes_meet_in_the_pass_and_become_one_where_they_are_not_parted() {
+    fn modes_meet_in_the_pass_and_merge_unless_separated() {
         let heights = [0.0, 3.0, 5.0, 4.0, 1.0, 4.0, 3.5, 6.0, 0.5];
         let mut order: Vec<usize> = (0..heights.len()).filter(|&c| heights[c] > 0.0).collect();
         order.sort_by(|&a, &b| f64::total_cmp(&heights[b], &heights[a]));

@@ -12,7 +12,7 @@ use std::time::Duration;
 /// HDBSCAN's density is infinite and its cluster stabilities are undefined.
 const NUDGE: f32 = 1e-3;
 /// Interval at which `goes_on` is called while waiting.
-const PAUSE: Duration = Duration::from_millis(20);
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
 /// What a Gaussian outside the sample is compared to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -86,11 +86,11 @@ pub fn cluster_features(
     goes_on: &dyn Fn() -> bool,
 ) -> Result<DensityClusters, PointsError> {
     let count = rows("features", features.len(), dimensions, "[N, D]")?;
-    for (field, value, least) in
+    for (field, value, minimum) in
         [("min_cluster_size", config.min_cluster_size, 2), ("min_samples", config.min_samples, 1)]
     {
-        if value < least {
-            let want = if least == 2 { "at least 2" } else { "at least 1" };
+        if value < minimum {
+            let want = if minimum == 2 { "at least 2" } else { "at least 1" };
             return Err(PointsError::Setting { field, value: value.to_string(), want });
         }
     }
@@ -167,7 +167,7 @@ fn run(vectors: Vec<Vec<f32>>, config: &DensityConfig, goes_on: &dyn Fn() -> boo
     };
     std::thread::Builder::new().name("clusters".into()).spawn(work).map_err(|e| failed(e.to_string()))?;
     loop {
-        match found.recv_timeout(PAUSE) {
+        match found.recv_timeout(POLL_INTERVAL) {
             Ok(labels) => return labels.map_err(failed),
             Err(RecvTimeoutError::Timeout) if goes_on() => {}
             Err(RecvTimeoutError::Timeout) => return Err(PointsError::Stopped),
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn one_that_is_stopped_is_not_waited_for() {
+    fn a_stopped_clustering_is_not_waited_for() {
         let features = blobs(&axes(4, 16), 350, 0.3, 2);
         let config = DensityConfig { sample: 1400, ..DensityConfig::default() };
         let started = std::time::Instant::now();

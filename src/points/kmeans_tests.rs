@@ -119,7 +119,7 @@ proptest! {
 }
 
 #[test]
-fn one_that_is_stopped_ends_at_once() {
+fn a_stopped_clustering_ends_at_once() {
     let points = vec![0.25; 300];
     let asked = std::cell::Cell::new(0);
     let goes_on = || {

@@ -9,7 +9,7 @@ const SIDE: usize = 72;
 /// Cells of the density along the line.
 const LINE: usize = 96;
 /// Cells less dense than this fraction of the densest belong to no mode.
-const FLOOR: f64 = 1e-5;
+const MIN_DENSITY: f64 = 1e-5;
 
 /// Settings of [`modes`] and [`valleys`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -76,8 +76,8 @@ fn of_density(
     pass: impl Fn(usize, usize) -> f64,
 ) -> (Vec<u32>, Vec<usize>) {
     let highest = density.iter().copied().fold(0.0, f64::max);
-    let least = smallest * masses.iter().sum::<f64>();
-    let mut order: Vec<usize> = (0..density.len()).filter(|&c| density[c] > FLOOR * highest).collect();
+    let min_mass = smallest * masses.iter().sum::<f64>();
+    let mut order: Vec<usize> = (0..density.len()).filter(|&c| density[c] > MIN_DENSITY * highest).collect();
     order.sort_by(|&a, &b| density[b].total_cmp(&density[a]).then(a.cmp(&b)));
     let around = |c: usize, near: &mut Vec<usize>| {
         let (x, y) = (c % SIDE, c / SIDE);
@@ -86,12 +86,12 @@ fn of_density(
         }
     };
     let parted = |low: &Mode, top: &Mode, c: usize| {
-        density[c] <= pass(low.summit, top.summit) * density[low.summit] && low.mass >= least
+        density[c] <= pass(low.summit, top.summit) * density[low.summit] && low.mass >= min_mass
     };
     let (of_cell, modes) = flood(&order, density.len(), |c| masses[c], around, parted);
     let mut names = vec![0u32; modes.len()];
     let mut kept = Vec::new();
-    for (name, mode) in names.iter_mut().zip(&modes).filter(|(_, h)| h.mass >= least) {
+    for (name, mode) in names.iter_mut().zip(&modes).filter(|(_, h)| h.mass >= min_mass) {
         kept.push(mode.summit);
         *name = kept.len() as u32;
     }
@@ -112,7 +112,7 @@ pub fn valleys(values: &[f32], weights: &[f32], config: &ModeConfig, pass: f64) 
         masses[config.bin(*value, LINE)] += usable(*weight);
     }
     let density = blur(&masses, &config.kernel(cell));
-    let least = config.smallest * masses.iter().sum::<f64>();
+    let min_mass = config.smallest * masses.iter().sum::<f64>();
     let mut cuts = Vec::new();
     let mut open = vec![(0, LINE)];
     while let Some((start, end)) = open.pop() {
@@ -121,7 +121,7 @@ pub fn valleys(values: &[f32], weights: &[f32], config: &ModeConfig, pass: f64) 
             let summit = |r: std::ops::Range<usize>| density[r].iter().copied().fold(0.0, f64::max);
             let lower = summit(start..c).min(summit(c..end));
             let mass = |r: std::ops::Range<usize>| masses[r].iter().sum::<f64>();
-            let deep = density[c] < pass * lower && mass(start..c).min(mass(c..end)) > least;
+            let deep = density[c] < pass * lower && mass(start..c).min(mass(c..end)) > min_mass;
             if deep && best.is_none_or(|(share, _)| density[c] / lower < share) {
                 best = Some((density[c] / lower, c));
             }
@@ -179,7 +179,7 @@ mod tests {
     const PLANE: ModeConfig = ModeConfig { range: [-1.0, 1.0], bandwidth: 0.04, smallest: 0.006 };
 
     #[test]
-    fn a_hundredth_of_the_points_is_a_hill_of_its_own_and_a_stray_is_none() {
+    fn a_hundredth_of_the_points_is_a_mode_and_a_stray_is_not() {
         let mut points = blobs(&[vec![-0.5, 0.0]], 3000, 0.2, 1);
         points.extend(blobs(&[vec![0.5, 0.1]], 30, 0.1, 2));
         points.extend([0.0, 0.9, f32::NAN, 0.0, 9.0, -9.0]);
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn what_counts_as_a_pass_decides_about_two_summits_that_are_near() {
+    fn the_pass_decides_whether_near_summits_are_separate() {
         let points = blobs(&[vec![-0.12, 0.0], vec![0.12, 0.0]], 4000, 0.15, 3);
         let found = |pass: f64| modes(&points, &[1.0; 8000], &PLANE, |_, _| pass).unwrap().peaks.len();
         assert_eq!((found(0.9), found(0.1)), (2, 1));
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn poison_and_nothing() {
+    fn empty_and_invalid_inputs() {
         let none = modes(&[], &[], &PLANE, |_, _| 0.5).unwrap();
         assert!(none.peaks.is_empty() && none.labels.is_empty());
         let weightless = modes(&[0.0; 4], &[f32::NAN, -1.0], &PLANE, |_, _| 0.5).unwrap();

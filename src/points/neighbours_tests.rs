@@ -61,7 +61,7 @@ proptest! {
 }
 
 #[test]
-fn counts_leave_the_point_itself_out_and_stop_at_the_cap() {
+fn counts_exclude_the_point_itself_and_stop_at_the_cap() {
     let grid = Grid::new(&[0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 1.0, 0.0, 0.0, f32::NAN, 0.0, 0.0], 0.5).unwrap();
     assert_eq!(grid.count_within(0.5, 99), [1, 2, 1, 0]);
     assert_eq!(grid.count_within(0.5, 1), [1, 1, 1, 0]);
@@ -70,7 +70,7 @@ fn counts_leave_the_point_itself_out_and_stop_at_the_cap() {
 }
 
 #[test]
-fn equal_points_are_neighbours_at_no_distance() {
+fn equal_points_are_neighbours_at_distance_zero() {
     let grid = Grid::adaptive(&[0.25; 30]).unwrap();
     assert_eq!(grid.count_within(0.0, 99), [9; 10]);
     assert_eq!(grid.nearest_distances(), [0.0; 10]);

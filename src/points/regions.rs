@@ -59,7 +59,7 @@ impl Regions {
         Self { of, into: (0..count).collect(), sizes, near, volumes }
     }
 
-    fn is_one(&self, region: usize) -> bool {
+    fn is_root(&self, region: usize) -> bool {
         self.into[region] == region
     }
 
@@ -83,12 +83,13 @@ impl Regions {
         let mut order: Vec<usize> = (0..self.sizes.len()).collect();
         order.sort_by_key(|&region| self.sizes[region]);
         for region in order {
-            if !self.is_one(region) || self.sizes[region] >= tiny {
+            if !self.is_root(region) || self.sizes[region] >= tiny {
                 continue;
             }
             let others = self.near[region].iter().filter(|(other, _)| **other != region);
-            let most = others.map(|(other, weight)| (*other, *weight)).reduce(|a, b| if b.1 > a.1 { b } else { a });
-            if let Some((other, _)) = most {
+            let strongest =
+                others.map(|(other, weight)| (*other, *weight)).reduce(|a, b| if b.1 > a.1 { b } else { a });
+            if let Some((other, _)) = strongest {
                 self.merge(other, region);
             }
         }
@@ -110,13 +111,13 @@ impl Regions {
 
     fn labels(&self) -> Vec<u32> {
         let root = |mut region: usize| {
-            while !self.is_one(region) {
+            while !self.is_root(region) {
                 region = self.into[region];
             }
             region
         };
         let roots: Vec<usize> = self.of.iter().map(|&region| root(region)).collect();
-        let mut order: Vec<usize> = (0..self.sizes.len()).filter(|&region| self.is_one(region)).collect();
+        let mut order: Vec<usize> = (0..self.sizes.len()).filter(|&region| self.is_root(region)).collect();
         order.sort_by_key(|&region| std::cmp::Reverse(self.sizes[region]));
         let mut label = vec![0; self.sizes.len()];
         order.iter().zip(1..).for_each(|(&region, n)| label[region] = n);
@@ -149,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_narrow_place_parts_stays_apart_and_patches_of_one_become_one() {
+    fn regions_joined_by_a_narrow_border_stay_apart_and_others_merge() {
         // patches of five columns; the narrow place lies between two of them
         let of: Vec<u32> = (0..160).map(|node| 7 + node / 20).collect();
         let parted = join(&of, &strip(40, 19, 1, 0.5), 0, 0.01);
@@ -160,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn tiny_regions_go_where_they_touch_most_and_alone_they_stay() {
+    fn tiny_regions_join_their_strongest_neighbour_and_isolated_ones_stay() {
         let mut of: Vec<u32> = (0..160).map(|node| node / 80).collect();
         (of[3], of[100]) = (8, 9);
         let mut edges = strip(40, 19, 0, 0.0);

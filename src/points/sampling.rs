@@ -42,7 +42,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_sample_has_different_ascending_members() {
+    fn a_sample_has_distinct_ascending_members() {
         let picked = sample_indices(1000, 100, &mut generator(3));
         assert_eq!(picked.len(), 100);
         assert!(picked.windows(2).all(|w| w[0] < w[1]) && picked[99] < 1000);

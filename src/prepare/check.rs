@@ -46,8 +46,8 @@ pub(super) fn check(
         return wrong(format!("size {}x{}: between 1 and 16384 pixels", views.size[0], views.size[1]));
     }
     match &views.times {
-        views::Times::Count(0) => return wrong("times 0: at least one step to train on".into()),
-        views::Times::Steps(list) if list.is_empty() => return wrong("no step to train on".into()),
+        views::Times::Count(0) => return wrong("times 0: at least one training step is needed".into()),
+        views::Times::Steps(list) if list.is_empty() => return wrong("no training step is given".into()),
         views::Times::Steps(list) => {
             if let Some(step) = list.iter().find(|s| **s >= steps) {
                 return wrong(format!("step {step}: the series has {steps} steps, 0 to {}", steps - 1));
@@ -56,7 +56,7 @@ pub(super) fn check(
         views::Times::Count(_) => {}
     }
     if views.views_per_time == 0 || views.test_views == 0 {
-        return wrong("at least one training view a time and one test view".into());
+        return wrong("at least one training view per time and one test view are needed".into());
     }
     if !(views.fov_x > 0.0 && views.fov_x < 3.1) {
         return wrong(format!("field of view {:.1} degrees: between 0 and 177", views.fov_x.to_degrees()));
@@ -99,7 +99,7 @@ fn names(source: &Source, transfer: &TransferFunction) -> Result<(), PrepareErro
             // the name of a label that was given none
             let other = name.strip_prefix("segment-").and_then(|n| n.parse::<u16>().ok());
             if other.is_some_and(|n| n != *id && !names.iter().any(|(i, _)| *i == n)) {
-                return wrong(format!("label {id}={name}: is what another label is called; choose another name"));
+                return wrong(format!("label {id}={name}: another label has this name; choose a different one"));
             }
         }
     }
@@ -113,7 +113,7 @@ fn memory(source: &Source, options: &PrepareOptions) -> Result<(), PrepareError>
     let plan = |count: usize| product(&[count, VIEW_BYTES]);
     free.check(format!("--test-views {}", views.test_views), plan(views.test_views))?;
     let all = image_count(source, options);
-    free.check(format!("--views {} a time", views.views_per_time), plan(all))?;
+    free.check(format!("--views {} per time", views.views_per_time), plan(all))?;
     let threads = rayon::current_num_threads().min(all).max(1);
     let what = format!("--size {w}x{h}, {threads} images at a time");
     free.check(what, product(&[w, h, PIXEL_BYTES * threads]).max(product(&[w, h, SHEET_BYTES])))?;

@@ -82,7 +82,7 @@ pub enum PrepareError {
     #[error("{0}")]
     Options(String),
     /// Something is at the place of the dataset, and is not to be replaced.
-    #[error("{}: already there; choose another name", .0.display())]
+    #[error("{}: already exists; choose another name", .0.display())]
     Exists(PathBuf),
     /// It does not fit into memory.
     #[error(transparent)]
@@ -212,7 +212,7 @@ pub fn prepare(
         let loading = Instant::now();
         let (volume, labels) = source.load(step)?;
         if let Some(labels) = &labels {
-            segments.meet(labels);
+            segments.record_ids(labels);
         }
         let caster = RayCaster::new(&volume, labels, transfer, span, placement, options.step);
         drop(volume);

@@ -112,7 +112,7 @@ impl<'a> SegmentWriter<'a> {
     }
 
     /// Records which ids a step has.
-    pub fn meet(&mut self, labels: &Labels) {
+    pub fn record_ids(&mut self, labels: &Labels) {
         let mut seen = vec![false; usize::from(u16::MAX) + 1];
         labels.ids.iter().for_each(|id| seen[usize::from(*id)] = true);
         self.here = (1..=u16::MAX).filter(|id| seen[usize::from(*id)]).collect();

@@ -120,7 +120,7 @@ mod tests {
         assert!(own.iter().map(|s| &s.view).eq(&test));
         assert_eq!(own[7].name, "r_7");
         let these = SegmentSteps::These(vec![9, 3, 9]);
-        assert_eq!(shots(&test, 1, &these, 100, &trained).len(), 2, "a step that is given twice is one");
+        assert_eq!(shots(&test, 1, &these, 100, &trained).len(), 2, "a step given twice counts once");
         assert!(shots(&test, 0, &these, 100, &trained).is_empty());
         assert_eq!(volume_steps(&these, 100, &trained).into_iter().collect::<Vec<_>>(), [3, 9]);
         assert_eq!(volume_steps(&SegmentSteps::OfViews, 100, &trained).len(), 5);

@@ -153,7 +153,7 @@ fn the_folder_appears_whole_with_its_record_and_contact_sheet() {
 }
 
 #[test]
-fn empty_images_are_refused_and_empty_times_told() {
+fn empty_images_are_refused_and_empty_times_recorded() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("data");
     let source = Source::Synthetic { scene: Synthetic::Shells, dims: [16; 3], steps: 5 };

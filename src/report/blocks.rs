@@ -56,7 +56,7 @@ fn image(png: &[u8], alt: &str, attributes: &str) -> String {
     let alt = escape(alt);
     let Some((width, height)) = png_size(png) else {
         return format!(
-            "<p class=\"broken\"{attributes}>{alt}: no picture, these {} bytes are not a PNG.</p>",
+            "<p class=\"broken\"{attributes}>{alt}: cannot be shown, as these {} bytes are not a PNG.</p>",
             png.len()
         );
     };
@@ -254,5 +254,5 @@ fn missing(what: &str, how: &str) -> String {
         "" => String::new(),
         text => format!("<p>{}</p>", escape(text)),
     };
-    format!("<div class=\"missing\"><p><strong>Not there yet:</strong> {}</p>{how}</div>\n", escape(what))
+    format!("<div class=\"missing\"><p><strong>Not available yet:</strong> {}</p>{how}</div>\n", escape(what))
 }

@@ -18,7 +18,7 @@ pub(super) fn render(report: &Report) -> String {
          <meta name=\"color-scheme\" content=\"light dark\"/>\n\
          <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\"/>\n\
          <link rel=\"icon\" href=\"data:,\"/>\n<title>{title}</title>\n<style>\n{CSS}</style>\n</head>\n\
-         <body id=\"top\">\n<a class=\"skip\" href=\"#main\">Skip to the content</a>\n<header>\n<h1>{title}</h1>\n"
+         <body id=\"top\">\n<a class=\"skip\" href=\"#main\">Skip to content</a>\n<header>\n<h1>{title}</h1>\n"
     );
     paragraph(&mut out, "lead", &report.subtitle);
     out += "</header>\n";
@@ -35,7 +35,7 @@ pub(super) fn render(report: &Report) -> String {
         }
         out += "</section>\n";
     }
-    out += "</main>\n<footer><p>Made by <code>volseggs</code>. This file holds all it shows and loads nothing \
+    out += "</main>\n<footer><p>Made by <code>volseggs</code>. This file is self-contained and loads nothing \
             from a network.</p></footer>\n<p id=\"status\" class=\"unseen\" role=\"status\"></p>\n";
     out + &format!("<script>\n{JS}</script>\n</body>\n</html>\n")
 }

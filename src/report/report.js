@@ -3,7 +3,7 @@
   document.documentElement.classList.add("js");
   const each = (selector, act) => document.querySelectorAll(selector).forEach(act);
 
-  // Follows the pointer from where it goes down in `area` to where it is let go.
+  // Tracks the pointer from where it is pressed in `area` until it is released.
   const drag = (area, start, move) => {
     area.addEventListener("pointerdown", (event) => {
       if (event.button !== 0) return;
@@ -77,7 +77,7 @@
       const turns = (event.clientX - from.x) / stage.clientWidth;
       show(from.frame + Math.round(turns * frames.length));
     });
-    // No work for what is not on the screen.
+    // A turntable outside the screen does not play.
     new IntersectionObserver((entries) => {
       visible = entries[entries.length - 1].isIntersecting;
       run();
@@ -101,7 +101,7 @@
       } catch {
         done = copyBySelection(code);
       }
-      button.textContent = done ? "Copied" : "Select";
+      button.textContent = done ? "Copied" : "Selected";
       status.textContent = done ? "Command copied" : "Copying is not allowed here; the command is selected";
       setTimeout(() => { button.textContent = "Copy"; status.textContent = ""; }, 1800);
     });

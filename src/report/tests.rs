@@ -90,10 +90,10 @@ fn without_pictures(html: &str) -> String {
 }
 
 #[test]
-fn markup_in_any_text_is_shown_not_run() {
+fn markup_in_any_text_is_shown_literally() {
     let evil = "<script>alert(\"1\")</script>' onload='x & <!--";
     let html = full(evil).to_html();
-    assert_eq!(html.matches("<script").count(), 1, "only the page's own");
+    assert_eq!(html.matches("<script").count(), 1, "only the page's own script");
     assert!(!html.contains("onload='x"));
     assert!(!html.contains("<!--"));
     assert!(
@@ -112,7 +112,7 @@ fn a_script_in_a_plot_stays_inside_a_picture() {
 }
 
 #[test]
-fn every_block_leaves_its_mark() {
+fn every_block_is_rendered() {
     let marks = [
         "<p>word</p>",
         "<figure class=\"single\"",
@@ -124,7 +124,7 @@ fn every_block_leaves_its_mark() {
         "<span class=\"value\">word</span>",
         "<pre><code>word</code></pre>",
         "<td class=\"number\">1.5 s</td>",
-        "Not there yet:</strong> word",
+        "Not available yet:</strong> word",
     ];
     let blocks = all_blocks("word");
     assert_eq!(blocks.len(), marks.len());
@@ -137,7 +137,7 @@ fn every_block_leaves_its_mark() {
 }
 
 #[test]
-fn a_picture_comes_back_from_the_page_as_it_went_in() {
+fn an_embedded_picture_survives_a_round_trip() {
     let picture = png(17, 9, 200);
     let html = page(Block::Figure { png: picture.clone(), alt: text("a"), caption: text("c") });
     let data = html.split("src=\"data:image/png;base64,").nth(1).unwrap();
@@ -165,11 +165,11 @@ fn nothing_is_fetched_and_the_page_itself_is_small() {
 }
 
 #[test]
-fn bytes_that_are_no_png_show_as_a_note() {
+fn bytes_that_are_not_a_png_are_replaced_by_a_note() {
     for bytes in [vec![], b"\x89PNG\r\n\x1a\n".to_vec(), png(4, 4, 0)[..20].to_vec(), b"GIF89a".to_vec()] {
         let count = bytes.len();
         let html = page(Block::Figure { png: bytes, alt: text("slice"), caption: String::new() });
-        assert!(html.contains(&format!("slice: no picture, these {count} bytes are not a PNG.")), "{count}");
+        assert!(html.contains(&format!("slice: cannot be shown, as these {count} bytes are not a PNG.")), "{count}");
         check_balance(&html).unwrap();
     }
 }
@@ -208,7 +208,7 @@ fn empty_and_ragged_content_still_gives_a_page() {
 }
 
 #[test]
-fn columns_of_numbers_stand_to_the_right() {
+fn numeric_columns_are_right_aligned() {
     let row = |cells: [&str; 4]| cells.map(text).to_vec();
     let rows = vec![row(["8", "30.1 dB", "–", "fine"]), row(["16", "−2.5", "98 %", "3"])];
     let head = row(["Views", "PSNR", "Hits", "Word"]);
@@ -219,7 +219,7 @@ fn columns_of_numbers_stand_to_the_right() {
 }
 
 #[test]
-fn cells_between_stars_are_bold_and_still_numbers() {
+fn cells_in_double_asterisks_are_bold_and_still_numeric() {
     let row = |cells: [&str; 3]| cells.map(text).to_vec();
     let rows = vec![row(["a", "**30.1 ± 0.2**", "** <b> **"]), row(["**", "29", "****"])];
     let html = page(Block::Table { head: row(["v", "PSNR", "w"]), rows, caption: String::new(), highlight: None });
@@ -230,7 +230,7 @@ fn cells_between_stars_are_bold_and_still_numbers() {
 }
 
 #[test]
-fn times_read_well_and_poison_does_not_spread() {
+fn times_are_readable_and_non_finite_values_do_not_spread() {
     let times = [0.0421, 3.11, 59.4, 59.7, 245.0, 7_199.0, f64::NAN, f64::INFINITY, -1.0];
     let stages = times.iter().enumerate().map(|(i, seconds)| (format!("stage {i}"), *seconds)).collect();
     let html = page(Block::Timings(stages));
@@ -253,7 +253,7 @@ fn frames_without_a_label_are_numbered() {
 }
 
 #[test]
-fn write_replaces_the_page_and_tells_what_failed() {
+fn write_replaces_the_page_and_reports_failures() {
     let dir = std::env::temp_dir().join(format!("volseggs-report-{}", std::process::id()));
     std::fs::create_dir_all(&dir).unwrap();
     let path = dir.join("report.html");
@@ -261,7 +261,7 @@ fn write_replaces_the_page_and_tells_what_failed() {
     let report = full("w");
     report.write(&path).unwrap();
     assert_eq!(std::fs::read_to_string(&path).unwrap(), report.to_html());
-    assert_eq!(std::fs::read_dir(&dir).unwrap().count(), 1, "no temporary stays");
+    assert_eq!(std::fs::read_dir(&dir).unwrap().count(), 1, "no temporary is left");
     let message = report.write(&dir.join("absent").join("report.html")).unwrap_err().to_string();
     assert!(message.contains("absent") && message.contains("check that its folder exists"), "{message}");
     std::fs::remove_dir_all(&dir).unwrap();

@@ -142,7 +142,7 @@ pub fn fit(
     let mut keys = header.segments.iter().zip(&header.members).zip(&members);
     if let Some(((name, _), _)) = keys.find(|((_, key), members)| **key != members_key(members)) {
         return Err(RunError::input(format!(
-            "{}: segment {name} has other Gaussians now than when its masks were made; {again}",
+            "{}: the Gaussians of segment {name} have changed since its masks were made; {again}",
             path.display()
         )));
     }

@@ -14,7 +14,7 @@ use serde::Serialize;
 use std::fmt;
 
 /// Elevation of an orbit above the equator, radians.
-const ABOVE: f64 = 20.0 * std::f64::consts::PI / 180.0;
+const ELEVATION: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
 /// Bytes needed to draw one pixel: the image in floats on the device and on the host, the workspace of splatting, and
 /// the 8-bit image.
@@ -51,7 +51,7 @@ impl Surroundings {
     /// Returns `frames` cameras on a circle around the scene, a little above its equator.
     #[must_use]
     pub fn orbit(&self, frames: usize) -> Vec<Camera> {
-        orbit(frames, self.sphere, ABOVE, self.lens)
+        orbit(frames, self.sphere, ELEVATION, self.lens)
     }
 }
 
@@ -112,8 +112,8 @@ fn check_distance(flag: &str, distance: f64, half_size: f64) -> Result<(), RunEr
     if (near..=far).contains(&distance) {
         return Ok(());
     }
-    let problem = if distance < near { "is at the centre, which cameras look at" } else { "is too far away" };
-    Err(RunError::input(format!("{flag}: {problem}; choose a distance from it of {near:.1e} to {far:.1e}")))
+    let problem = if distance < near { "is at the centre, at which cameras look" } else { "is too far away" };
+    Err(RunError::input(format!("{flag}: {problem}; choose a distance from the centre of {near:.1e} to {far:.1e}")))
 }
 
 impl<S: Trained> OpenRun<S> {
@@ -127,8 +127,8 @@ impl<S: Trained> OpenRun<S> {
         let fov_x = first.map_or(FOV_X, Camera::fov_x);
         let note = first.is_none().then(|| {
             format!(
-                "{}: no training views can be read, so that their camera is not known; a field of view of 30 degrees is \
-                 taken, that of the published data",
+                "{}: no training views can be read, so their camera is unknown; using a field of view of 30 degrees, \
+                 that of the published data",
                 self.record.dataset.display()
             )
         });
@@ -230,7 +230,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cameras_stand_away_from_the_centre_and_within_sight() {
+    fn distances_too_near_or_too_far_are_refused() {
         let refusal = |distance: f64| check_distance("--radius R", distance, 1.5).unwrap_err();
         for (distance, word) in [(0.0, "is at the centre"), (1e-9, "is at the centre"), (1e12, "too far")] {
             let error = refusal(distance);

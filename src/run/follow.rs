@@ -188,7 +188,7 @@ fn wanted(run: &OpenRun, segments: &[String], group: Option<&Name>) -> Result<Ve
         wanted = vec![(group.clone(), members)];
     }
     if let Some((name, _)) = wanted.iter().find(|(_, m)| m.is_empty()) {
-        return Err(RunError::input(format!("segment \"{name}\" is empty: there is nothing to follow")));
+        return Err(RunError::input(format!("segment \"{name}\" is empty: there is nothing to track")));
     }
     Ok(wanted)
 }

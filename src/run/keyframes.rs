@@ -18,9 +18,9 @@ use std::collections::BTreeMap;
 use std::fmt::Display;
 
 /// Maximum number of keyframes in a path.
-const MOST: usize = 150;
+const MAX_KEYS: usize = 150;
 /// Maximum length of a path, seconds.
-const LONGEST: f64 = 24.0 * 3600.0;
+const MAX_SECONDS: f64 = 24.0 * 3600.0;
 
 /// A camera and the scene time it shows, at a moment of the path.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
@@ -84,20 +84,23 @@ impl CameraPath {
     /// If there are fewer than two or too many, their seconds do not ascend, a value is out of range, or a camera pose
     /// is invalid.
     pub fn new(keys: Vec<Key>) -> Result<Self, String> {
-        if !(2..=MOST).contains(&keys.len()) {
-            return Err(format!("keys: {} keyframes; a path has 2 to {MOST}", keys.len()));
+        if !(2..=MAX_KEYS).contains(&keys.len()) {
+            return Err(format!("keys: {} keyframes; a path has 2 to {MAX_KEYS}", keys.len()));
         }
         for (n, key) in (1..).zip(&keys) {
             check_pose(key.eye, key.target, key.up, key.fov).map_err(|e| format!("keyframe {n}: {e}"))?;
             if !(0.0..=1.0).contains(&key.time) {
-                return Err(format!("keyframe {n}: time: between 0 and 1"));
+                return Err(format!("keyframe {n}: time: must be between 0 and 1"));
             }
-            if !(0.0..=LONGEST).contains(&key.seconds) {
-                return Err(format!("keyframe {n}: seconds: between 0 and {LONGEST}"));
+            if !(0.0..=MAX_SECONDS).contains(&key.seconds) {
+                return Err(format!("keyframe {n}: seconds: must be between 0 and {MAX_SECONDS}"));
             }
         }
         if let Some(n) = keys.windows(2).position(|w| w[1].seconds - w[0].seconds < 1e-3) {
-            return Err(format!("keyframe {}: seconds: a millisecond or more after the keyframe before", n + 2));
+            return Err(format!(
+                "keyframe {}: seconds: must be at least a millisecond after the previous keyframe",
+                n + 2
+            ));
         }
         let mut rigs: Vec<Rig> = keys.iter().map(Rig::from).collect();
         for i in 1..rigs.len() {
@@ -242,7 +245,7 @@ impl SavedPath {
     /// # Errors
     /// If the text holds no valid path; the error says why.
     pub fn parse(name: impl Display, text: &str) -> Result<(SavedView, CameraPath), RunError> {
-        let wrong = |e: String| RunError::input(format!("{name}: no path of keyframes: {e}"));
+        let wrong = |e: String| RunError::input(format!("{name}: not a valid path of keyframes: {e}"));
         let json = |e: serde_json::Error| wrong(plain(&e.to_string()));
         let mut value: Value = serde_json::from_str(text).map_err(json)?;
         let keys =
@@ -334,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn files_come_back_and_wrong_ones_are_refused() {
+    fn files_round_trip_and_invalid_ones_are_refused() {
         let text = |t: &str| t.to_owned();
         let shown = SavedView {
             format: 1,

@@ -51,7 +51,8 @@ impl FromStr for Show {
             "velocity speed" => Self::Velocity(Component::Speed),
             _ => {
                 return Err(
-                    "look: colour, depth, segments, affinity, velocity x, velocity y, velocity z or velocity speed"
+                    "look: must be colour, depth, segments, affinity, velocity x, velocity y, velocity z or velocity \
+                     speed"
                         .into(),
                 );
             }
@@ -169,17 +170,17 @@ impl Look {
     pub fn lit_from(mut self, run: &OpenRun, direction: [f32; 3]) -> Result<Self, RunError> {
         if run.scene.gaussians.headlight.is_none() {
             return Err(RunError::input(format!(
-                "--light: {} was trained with model.appearance = \"sh\", whose colours hold the light; train with \
+                "--light: {} was trained with model.appearance = \"sh\", whose colours include the light; train with \
                  model.appearance = \"headlight\" to move it",
                 run.path.display()
             )));
         }
         if !matches!(self.kind, Kind::Colour) {
-            return Err(RunError::input("--light: changes what things look like; leave --show out"));
+            return Err(RunError::input("--light: applies to colours only; omit --show"));
         }
         if !(direction.iter().all(|v| v.is_finite()) && direction.iter().any(|v| *v != 0.0)) {
             return Err(RunError::input(
-                "--light: 0,0,0 is no direction; give the direction to the light, such as 0,0,1",
+                "--light: 0,0,0 is not a direction; give the direction to the light, such as 0,0,1",
             ));
         }
         self.light = Light::Far(direction);
@@ -321,7 +322,7 @@ impl Look {
             Kind::Affinity(_) => {
                 plain("affinity features: their first three principal components as red, green and blue".into())
             }
-            Kind::Depth { range: None, .. } => plain("depth: nothing shows in any frame".into()),
+            Kind::Depth { range: None, .. } => plain("depth: nothing is visible in any frame".into()),
             Kind::Depth { range: Some([near, far]), palette } => {
                 let [dark, light] = palette.ends();
                 let (low, high) = (short(*near), short(*far));

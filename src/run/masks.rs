@@ -13,7 +13,7 @@ use crate::files::AtomicDir;
 use crate::memory::{Budget, product};
 use crate::model::HostGaussians;
 use crate::segment::masks::RegionOptions;
-use crate::segment::masks::handout::{FILE, Handout, HandoutError, write_pictures};
+use crate::segment::masks::handout::{self, FILE, Handout, HandoutError};
 use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
 use crate::segment::masks::origin::{MaskKind, MaskOrigin};
 use crate::segment::masks::sheet::overlay;
@@ -30,13 +30,13 @@ pub const VIEWS: usize = 30;
 /// Maximum number of segments in the picture of masks.
 const SHOWN: usize = 20;
 /// Bytes per view in memory and in the header of the mask file.
-const VIEW: usize = 1000;
+const VIEW_BYTES: usize = 1000;
 /// Bytes per pixel of a picture that is drawn and searched for masks.
-const PIXEL: usize = 100;
+const PIXEL_BYTES: usize = 100;
 /// Maximum number of such pictures in memory at once.
 const AT_ONCE: usize = 8;
 /// Bytes per point of the grid at which the network is queried.
-const POINT: usize = 64;
+const POINT_BYTES: usize = 64;
 
 /// A request for masks.
 #[derive(Clone, Copy, Debug)]
@@ -81,11 +81,13 @@ impl MaskPlan {
         let shown = plan.groups.len().min(SHOWN) * 4;
         if let Some(camera) = plan.shots.first().map(|s| &s.camera) {
             let [width, height] = [camera.width, camera.height].map(|n| n as usize);
-            let all = product(&[width, height, PIXEL * plan.shots.len().min(AT_ONCE) + 3 * shown]);
+            let all = product(&[width, height, PIXEL_BYTES * plan.shots.len().min(AT_ONCE) + 3 * shown]);
             budget.check(format!("pictures of {width}x{height} pixels"), all).map_err(RunError::input)?;
         }
         if let MaskKind::Sam { points, .. } = *request.kind {
-            budget.check(format!("--points {points}"), product(&[points, points, POINT])).map_err(RunError::input)?;
+            budget
+                .check(format!("--points {points}"), product(&[points, points, POINT_BYTES]))
+                .map_err(RunError::input)?;
         }
         Ok(plan)
     }
@@ -100,7 +102,7 @@ impl MaskPlan {
         };
         let segments = names.iter().map(|n| all.get(n)).collect::<Result<Vec<_>, _>>().map_err(RunError::input)?;
         let first =
-            segments.first().ok_or_else(|| RunError::input("no segments yet: run `volseggs segment coarse`"))?;
+            segments.first().ok_or_else(|| RunError::input("no segments yet; run `volseggs segment coarse`"))?;
         let time = request.time.unwrap_or(first.time);
         let groups: Vec<Group> =
             segments.iter().map(|s| Group { name: s.name.to_string(), members: s.members.clone() }).collect();
@@ -109,7 +111,7 @@ impl MaskPlan {
         }
         let around = |origin| {
             let views = request.views.unwrap_or(VIEWS);
-            Budget::now().check(format!("--views {views}"), product(&[views, VIEW])).map_err(RunError::input)?;
+            Budget::now().check(format!("--views {views}"), product(&[views, VIEW_BYTES])).map_err(RunError::input)?;
             Ok::<_, RunError>((origin, Shot::numbered(training_cameras(views, around.sphere, around.lens))))
         };
         let (mut time, mut note) = (time, None);
@@ -202,7 +204,7 @@ pub fn make(
 ///
 /// # Errors
 /// If there are pictures already, or they cannot be written.
-pub fn hand_out(
+pub fn write_pictures(
     run: &OpenRun,
     plan: &MaskPlan,
     device: &Device,
@@ -211,14 +213,14 @@ pub fn hand_out(
     let folder = run.paths().mask_pictures();
     if folder.exists() {
         return Err(RunError::input(format!(
-            "{}: pictures are there already; remove the folder to write them anew",
+            "{}: the pictures already exist; remove the folder to write them again",
             folder.display()
         )));
     }
     let at = run.scene.host_at(plan.time as f32);
     let fail = |e: std::io::Error| RunError::failure(format!("{}: {e}", folder.display()));
     let building = AtomicDir::create(&folder).map_err(fail)?;
-    match write_pictures(&plan.job(run, &at, device), &run.scene.fingerprint(), building.dir(), goes_on) {
+    match handout::write_pictures(&plan.job(run, &at, device), &run.scene.fingerprint(), building.dir(), goes_on) {
         Ok(()) => {}
         Err(HandoutError::Job(MakeError::Stopped)) => return Ok(None),
         Err(error) => return Err(RunError::failure(error)),
@@ -247,8 +249,8 @@ fn check_dataset(run: &OpenRun, root: &Path) -> Result<(), RunError> {
         return Ok(());
     }
     Err(RunError::input(format!(
-        "{}: its training images or cameras are not those that the run was trained on, so its labels are of another scene; \
-         name the dataset of the run with --data",
+        "{}: its training images or cameras are not those that the run was trained on, so its labels are of another \
+         scene; name the dataset of the run with --data",
         root.display()
     )))
 }
@@ -271,7 +273,7 @@ fn check_groups(run: &OpenRun, list: &Handout, groups: &[Group]) -> Result<(), R
     let path = run.paths().mask_pictures().join(FILE);
     let again = "remove the folder, write them again with --pictures and make new masks";
     if list.scene != run.scene.fingerprint() {
-        let why = "the pictures are of another state of this scene (it was trained on since)";
+        let why = "the pictures are of another state of this scene (it was trained further since)";
         return Err(RunError::input(format!("{}: {why}; {again}", path.display())));
     }
     for group in groups {

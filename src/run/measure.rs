@@ -42,7 +42,7 @@ impl MeasuredOn {
             }
             Err(error) if dataset == run.record.dataset => {
                 note = Some(format!(
-                    "the training views cannot be read, so it is not checked that they are as they were: {error}"
+                    "the training views cannot be read, so it is not verified that they are unchanged: {error}"
                 ));
                 run.record.fingerprint.clone()
             }
@@ -101,7 +101,7 @@ pub fn measure(
     if split.name != SplitName::Train && on.is_own(run) {
         match open_trained(&on.data.dataset, &run.config, TRAINING_VIEWS) {
             Ok((split, of)) => training_views = Some(Sample { split, of }),
-            Err(error) => note = Some(format!("no training views beside these: {error}")),
+            Err(error) => note = Some(format!("no training views were measured in addition: {error}")),
         }
     }
     let costs = Costs {

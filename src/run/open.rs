@@ -80,8 +80,8 @@ impl OpenRun {
         match run.older_step() {
             None => Ok(run),
             Some(_) => Err(RunError::input(format!(
-                "{}: an older checkpoint, and this command writes what belongs to the newest; give {}, or go on from here \
-                 first with `volseggs train --resume`",
+                "{}: an older checkpoint, but this command writes data that belongs to the newest; give {}, or first \
+                 continue from here with `volseggs train --resume`",
                 path.display(),
                 run.path.display()
             ))),
@@ -140,8 +140,8 @@ impl OpenRun {
             return Ok(());
         }
         Err(RunError::input(format!(
-            "{}: made for another state of this scene (it was trained on since); run `volseggs segment coarse {} \
-             --replace` to begin again",
+            "{}: made for another state of this scene (it was trained further since); run `volseggs segment coarse {} \
+             --replace` to start again",
             self.paths().segments().display(),
             shell::path(&self.path)
         )))
@@ -205,7 +205,7 @@ impl AnyRun {
             serde_json::from_str(&read(&record)?).map_err(|e| RunError::input(format!("{}: {e}", record.display())))?;
         if !read(&file)?.contains("[stages]") {
             return Err(RunError::input(format!(
-                "{}: is not the configuration of a run any more; restore it",
+                "{}: is no longer the configuration of a run; restore it",
                 file.display()
             )));
         }
@@ -233,7 +233,7 @@ impl<S: Trained> OpenRun<S> {
         match self.older_step() {
             None => Ok(lock),
             Some(_) => Err(RunError::input(format!(
-                "{}: was trained on since it was opened; open it again",
+                "{}: was trained further since it was opened; open it again",
                 self.path.display()
             ))),
         }
@@ -312,7 +312,7 @@ impl<S: Trained> OpenRun<S> {
         let root = data.unwrap_or(&self.record.dataset);
         if !root.is_dir() {
             return Err(RunError::input(format!(
-                "{}: the dataset is not there any more; point to it with --data",
+                "{}: the dataset is no longer there; name its folder with --data",
                 root.display()
             )));
         }
@@ -331,8 +331,8 @@ fn method_of(path: &Path) -> Result<method::Found, RunError> {
 /// Creates the error for a request that needs Gaussians on a run whose method has none.
 fn no_gaussians(run: &Path, method: &str) -> RunError {
     RunError::input(format!(
-        "{}: trained with the method {method}, which has no Gaussians that stay the same over time, and this needs them; \
-         eval, render, sweep and compare work with every method",
+        "{}: trained with the method {method}, which has no Gaussians that stay the same over time, but this command \
+         needs them; eval, render, sweep and compare work with every method",
         run.display()
     ))
 }
@@ -360,8 +360,8 @@ fn no_checkpoint(path: &Path) -> RunError {
     let record = std::fs::read_to_string(RunPaths(path).record()).ok();
     RunError::input(match record.and_then(|text| serde_json::from_str::<RunRecord>(&text).ok()) {
         Some(record) => format!(
-            "{run}: training has reached no checkpoint yet; if it is not running any more, start it again with `volseggs train \
-             --data {} --config {} --out {}`",
+            "{run}: training has not reached a checkpoint yet; if it is no longer running, start it again with \
+             `volseggs train --data {} --config {} --out {}`",
             shell::path(&record.dataset),
             shell::path(&RunPaths(path).config()),
             shell::path(path)

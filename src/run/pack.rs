@@ -44,7 +44,7 @@ pub struct PackedRun {
 pub fn pack(run: &OpenRun, out: &Path) -> Result<PackedRun, RunError> {
     if let Some(step) = run.older_step() {
         return Err(RunError::input(format!(
-            "{step}: an older checkpoint, and segments and edits belong to the newest; give {}",
+            "{step}: an older checkpoint, but segments and edits belong to the newest; give {}",
             run.path.display()
         )));
     }
@@ -53,7 +53,7 @@ pub fn pack(run: &OpenRun, out: &Path) -> Result<PackedRun, RunError> {
         Ok::<_, RunError>(found.len())
     };
     let Some(from) = run.scene_path.parent() else {
-        return Err(RunError::failure(format!("{}: lies in no checkpoint", run.scene_path.display())));
+        return Err(RunError::failure(format!("{}: is not in a checkpoint", run.scene_path.display())));
     };
     let dir = AtomicDir::create_replacing(out, &KIND, &[&run.path])?;
     let (old, new) = (run.paths(), RunPaths(dir.dir()));

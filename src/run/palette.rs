@@ -86,9 +86,9 @@ impl Palette {
             (Some(asked), Some(usual)) => {
                 let fits = Self::ALL.into_iter().filter(|p| p.is_signed() == usual.is_signed());
                 let fits = fits.map(Self::name).collect::<Vec<_>>().join(", ");
-                Err(format!("palette {}: these values take {fits}", asked.name()))
+                Err(format!("palette {}: does not suit these values; use {fits}", asked.name()))
             }
-            (Some(asked), None) => Err(format!("palette {}: goes with depth and velocity alone", asked.name())),
+            (Some(asked), None) => Err(format!("palette {}: applies only to depth and velocity", asked.name())),
         }
     }
 
@@ -129,7 +129,7 @@ impl FromStr for Palette {
 
     fn from_str(name: &str) -> Result<Self, String> {
         let found = Self::ALL.into_iter().find(|p| p.name() == name);
-        found.ok_or_else(|| format!("palette: {}", Self::ALL.map(Self::name).join(", ")))
+        found.ok_or_else(|| format!("palette: must be one of {}", Self::ALL.map(Self::name).join(", ")))
     }
 }
 

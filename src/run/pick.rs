@@ -30,7 +30,7 @@ const KNOWN: usize = 32;
 #[derive(Debug, thiserror::Error)]
 pub enum ClickError {
     /// The pixel is outside the picture.
-    #[error("the picture has {width}x{height}")]
+    #[error("the picture has {width}x{height} pixels")]
     Outside {
         /// Width of the picture in pixels.
         width: u32,
@@ -117,7 +117,7 @@ impl Clicking {
         let Some((field, spec)) = &self.field else { return };
         let ready = |name: Option<Name>, members: &[u32]| {
             let known = self.known.borrow_mut().remove(&name).unwrap_or_default();
-            let of = Candidates::new(field, &spec.frame, &self.places, &self.at, members).knowing(known);
+            let of = Candidates::new(field, &spec.frame, &self.places, &self.at, members).with_found(known);
             if prepare(&of).is_ok() {
                 self.known.borrow_mut().insert(name, of.into_found());
             }
@@ -177,7 +177,7 @@ impl Clicking {
             None => (0..self.at.len() as u32).collect(),
         };
         let known = self.known.borrow_mut().remove(&hit.within).unwrap_or_default();
-        let of = Candidates::new(field, &spec.frame, &self.places, &self.at, &candidates).knowing(known);
+        let of = Candidates::new(field, &spec.frame, &self.places, &self.at, &candidates).with_found(known);
         let picked = pick(&of, hit.gaussian, options);
         let mut known = self.known.borrow_mut();
         if known.len() >= KNOWN {
@@ -237,7 +237,7 @@ pub fn commit(
     let Picked { members, scale, threshold, .. } = picked;
     if members.is_empty() {
         return Err(RunError::input(format!(
-            "{name}: nothing but strays is like the click; choose another pixel, another --level or a lower \
+            "{name}: only strays are similar to the clicked Gaussian; choose another pixel, another --level or a lower \
              --threshold, or pass --keep-strays"
         )));
     }

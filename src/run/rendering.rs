@@ -74,8 +74,8 @@ impl Prepared {
     pub fn open(folder: &Path) -> Result<Self, RunError> {
         let record = PrepareRecord::read(folder).map_err(RunError::input)?.ok_or_else(|| {
             RunError::input(format!(
-                "{}: no prepare.json in it, so nothing says how its volumes were drawn; give a dataset that `volseggs prepare` \
-                 made (--data)",
+                "{}: no prepare.json in it, so it is unknown how its volumes were drawn; give a dataset made by \
+                 `volseggs prepare` with --data",
                 folder.display()
             ))
         })?;
@@ -127,7 +127,7 @@ impl Prepared {
         let (dims, made) = (series.grid().dims, &self.record);
         if (dims, series.len()) != (made.dims, made.steps) {
             return Err(RunError::input(format!(
-                "--volume: {} steps of {dims:?} voxels; {} was made of {} of {:?}: give those",
+                "--volume: {} steps of {dims:?} voxels, but {} was made of {} of {:?}; give those",
                 series.len(),
                 self.folder.display(),
                 made.steps,
@@ -195,10 +195,10 @@ pub fn table(volumes: &VolumeCosts, run: &RunCosts) -> String {
     let rows = [
         ("data, MB", format!("{:.2}", volumes.raw_bytes as f64 / 1e6), format!("{:.2}", run.model_bytes as f64 / 1e6)),
         ("memory, GB", gigabytes(volumes.peak_memory_bytes), gigabytes(run.peak_memory_bytes)),
-        ("before anything is drawn, min", "0".to_owned(), format!("{before} + {}", minutes(run.training_seconds))),
+        ("before the first image, min", "0".to_owned(), format!("{before} + {}", minutes(run.training_seconds))),
         (
             "loading, s",
-            format!("{:.3} a step", volumes.load_seconds),
+            format!("{:.3} per step", volumes.load_seconds),
             format!("{:.3} for all {} steps", run.load_seconds, volumes.steps),
         ),
         ("drawing a view, ms", milliseconds(volumes.view_seconds), milliseconds(run.view_seconds)),
@@ -209,7 +209,8 @@ pub fn table(volumes: &VolumeCosts, run: &RunCosts) -> String {
         text += &format!("| {what} | {left} | {right} |\n");
     }
     text + &format!(
-        "\nDrawing a view takes {:.2} times as long from the volumes, at another step {:.1} times ({} views at {} of {} steps).\n",
+        "\nDrawing a view from the volumes takes {:.2} times as long, at another step {:.1} times ({} views at {} of \
+         {} steps).\n",
         volumes.view_seconds / run.view_seconds,
         another / run.view_seconds,
         volumes.views,

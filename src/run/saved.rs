@@ -1,6 +1,6 @@
 //! Views in files: a picture that records what it shows, so that it can be drawn again, or the same record as JSON.
 //!
-//! A picture holds the JSON in a text chunk before its pixels. Reading accepts at most [`LONGEST`] bytes of text and
+//! A picture holds the JSON in a text chunk before its pixels. Reading accepts at most [`MAX_TEXT_BYTES`] of text and
 //! searches only the first megabyte, whatever the file claims.
 
 use super::cameras::SIDE;
@@ -19,7 +19,7 @@ use std::io::{self, Read};
 use std::path::Path;
 
 /// Maximum length of a view's text, bytes.
-pub const LONGEST: usize = 64 * 1024;
+pub const MAX_TEXT_BYTES: usize = 64 * 1024;
 /// How much of a picture is searched for the text, bytes.
 const HEAD: u64 = 1 << 20;
 /// Keyword of the text in a picture.
@@ -92,9 +92,9 @@ impl SavedView {
     /// # Errors
     /// If the text holds no valid view; the error says why.
     pub fn parse(name: impl Display, text: &str) -> Result<Self, RunError> {
-        let wrong = |e: String| RunError::input(format!("{name}: no view that can be drawn: {e}"));
-        if text.len() > LONGEST {
-            return Err(wrong(format!("longer than {LONGEST} bytes")));
+        let wrong = |e: String| RunError::input(format!("{name}: not a valid view: {e}"));
+        if text.len() > MAX_TEXT_BYTES {
+            return Err(wrong(format!("longer than {MAX_TEXT_BYTES} bytes")));
         }
         let json = |e: serde_json::Error| wrong(plain(&e.to_string()));
         Self::from_value(&name, serde_json::from_str(text).map_err(json)?)
@@ -105,7 +105,7 @@ impl SavedView {
     /// # Errors
     /// As for [`SavedView::parse`].
     pub fn from_value(name: impl Display, value: Value) -> Result<Self, RunError> {
-        let wrong = |e: String| RunError::input(format!("{name}: no view that can be drawn: {e}"));
+        let wrong = |e: String| RunError::input(format!("{name}: not a valid view: {e}"));
         let json = |e: serde_json::Error| wrong(plain(&e.to_string()));
         let saved = if value.get("view").is_some() {
             serde_json::from_value::<Self>(value).map_err(json)?
@@ -121,7 +121,7 @@ impl SavedView {
             }
         };
         if saved.format != FORMAT {
-            return Err(wrong(format!("format {}, of another version of the program", saved.format)));
+            return Err(wrong(format!("format {} is of another version of the program", saved.format)));
         }
         saved.view.check().map_err(wrong)?;
         Ok(saved)
@@ -137,8 +137,8 @@ impl SavedView {
         if height > f64::from(SIDE) {
             let most = (f64::from(SIDE) * f64::from(w) / f64::from(h)).floor().max(1.0);
             return Err(RunError::input(format!(
-                "--size {width}: a view of the shape {w}x{h} would be {height} pixels tall, and {SIDE} is the most; choose \
-                 at most {most}"
+                "--size {width}: a view of the shape {w}x{h} would be {height} pixels tall, but the maximum is {SIDE}; \
+                 choose at most {most}"
             )));
         }
         self.view.size = [width, height as u32];
@@ -166,7 +166,7 @@ fn text(mut file: impl Read) -> io::Result<Option<String>> {
     if start == PNG {
         return text_of_png(file);
     }
-    file.take(LONGEST as u64).read_to_end(&mut start)?;
+    file.take(MAX_TEXT_BYTES as u64).read_to_end(&mut start)?;
     let text = String::from_utf8(start);
     text.map(Some).map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "neither a PNG nor text"))
 }
@@ -182,7 +182,7 @@ fn text_of_png(mut file: impl Read) -> io::Result<Option<String>> {
         let [a, b, c, d, kind @ ..] = head;
         let length = u64::from(u32::from_be_bytes([a, b, c, d]));
         // the keyword and the five bytes between it and the text
-        let most = (LONGEST + KEYWORD.len() + 5) as u64;
+        let most = (MAX_TEXT_BYTES + KEYWORD.len() + 5) as u64;
         if &kind != b"iTXt" || length > most {
             io::copy(&mut file.by_ref().take(length + 4), &mut io::sink())?;
             continue;
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_and_a_text_give_back_the_view_to_the_bit() {
+    fn views_round_trip_bit_identically_through_pictures_and_text() {
         let json = serde_json::to_string(&saved()).unwrap();
         let image = RgbImage::from_fn(5, 4, |x, y| image::Rgb([x as u8, y as u8, 9]));
         let png = encode_png_with(&image, KEYWORD, &json).unwrap();
@@ -240,11 +240,11 @@ mod tests {
         tall.view.size = [4, 4096];
         assert_eq!(tall.clone().sized(16).unwrap().view.size, [16, 16_384]);
         let error = tall.sized(17).unwrap_err();
-        assert!(error.is_input() && error.to_string().contains("16384 is the most; choose at most 16"), "{error}");
+        assert!(error.is_input() && error.to_string().contains("the maximum is 16384; choose at most 16"), "{error}");
     }
 
     #[test]
-    fn what_holds_no_view_is_refused_with_its_name() {
+    fn files_without_a_view_are_refused_by_name() {
         let json = serde_json::to_string(&saved()).unwrap();
         let image = RgbImage::new(5, 4);
         let png = |keyword: &str, text: &str| encode_png_with(&image, keyword, text).unwrap();
@@ -255,12 +255,12 @@ mod tests {
             (good[..200].to_vec(), "damaged"),
             (png(KEYWORD, "{}"), "missing"),
             (b"GIF89a\xff\xff\xff\xff".to_vec(), "neither"),
-            (b"{\"view\": 3}".to_vec(), "no view"),
+            (b"{\"view\": 3}".to_vec(), "not a valid view"),
             (" ".repeat(1 << 20).into_bytes(), "longer"),
-            ("[".repeat(60_000).into_bytes(), "no view"),
+            ("[".repeat(60_000).into_bytes(), "not a valid view"),
             (json.replace("\"time\":0.5", "\"time\":7").into_bytes(), "between 0 and 1"),
             (json.replace("\"format\":1", "\"format\":2").into_bytes(), "another version"),
-            (Vec::new(), "no view"),
+            (Vec::new(), "not a valid view"),
         ] {
             let error = reads(&bytes).unwrap_err();
             assert!(error.contains(word), "{error}: {word}");

@@ -156,13 +156,13 @@ impl RunSegments {
         let track = run.paths().tracks().join(&old);
         if track.exists() {
             return Err(RunError::input(format!(
-                "{old}: its track {} is called after it; rename or remove that folder first",
+                "{old}: its track {} is named after it; rename or remove that folder first",
                 track.display()
             )));
         }
         if run.edits()?.names(new) {
             return Err(RunError::input(format!(
-                "{new}: edits of a segment that was removed, or such as were undone, have that name in {}; choose another",
+                "{new}: edits of a removed segment, or undone edits, have that name in {}; choose another",
                 self.edits.display()
             )));
         }
@@ -247,7 +247,9 @@ pub(super) fn check_count(towards: Towards, count: usize, there: usize, file: &P
         return Err(RunError::input(format!("nothing to {verb} in {}", file.display())));
     }
     if count > there {
-        return Err(RunError::input(format!("--count {count}: between 1 and {there}, as many as there are to {verb}")));
+        return Err(RunError::input(format!(
+            "--count {count}: must be between 1 and {there}, the number of steps to {verb}"
+        )));
     }
     Ok(())
 }

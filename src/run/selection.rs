@@ -31,8 +31,8 @@ pub(super) fn check_edits(run: &OpenRun, edits: &EditStack, segments: &Segmentat
             return RunError::input(format!("{}: {e}", file.display()));
         };
         RunError::input(format!(
-            "{}: edit {edit} ({}): there is no segment \"{name}\" any more; make one of that name, or take edits back \
-             to before it with `volseggs edit undo {} --count {}`",
+            "{}: edit {edit} ({}): there is no longer a segment \"{name}\"; make one of that name, or undo the \
+             edits from this one on with `volseggs edit undo {} --count {}`",
             file.display(),
             edits.operations[edit - 1],
             shell::path(&run.path),

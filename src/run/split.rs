@@ -105,7 +105,7 @@ pub fn split(
     }
     if names.is_empty() {
         return Err(RunError::input(format!(
-            "{}: no parts show at --scale {}; choose another scale, or a number of parts with --clusters",
+            "{}: no parts were found at --scale {}; choose another scale, or a number of parts with --clusters",
             whole.name, options.scale
         )));
     }

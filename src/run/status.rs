@@ -25,7 +25,7 @@ mod tests {
     use crate::files::Work;
 
     #[test]
-    fn only_whoever_holds_the_run_trains_it() {
+    fn a_run_is_running_only_while_it_is_locked() {
         let dir = tempfile::tempdir().unwrap();
         let says = |recorded| status(dir.path(), recorded);
         assert_eq!([says("running"), says("interrupted"), says("complete")], [BROKEN_OFF, "interrupted", "complete"]);

@@ -10,7 +10,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// Largest side of a picture, pixels.
-const SIDE: u32 = 4096;
+const MAX_SIDE: u32 = 4096;
 
 /// What a picture shows.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
@@ -53,15 +53,15 @@ impl View {
     /// If not; the error says why.
     pub fn check(&self) -> Result<(), String> {
         check_pose(self.eye, self.target, self.up, self.fov)?;
-        if !self.size.iter().all(|n| (1..=SIDE).contains(n)) {
-            return Err(format!("size: sides of 1 to {SIDE} pixels"));
+        if !self.size.iter().all(|n| (1..=MAX_SIDE).contains(n)) {
+            return Err(format!("size: sides must be 1 to {MAX_SIDE} pixels"));
         }
         if !(0.0..=1.0).contains(&self.time) {
-            return Err("time: between 0 and 1".into());
+            return Err("time: must be between 0 and 1".into());
         }
         self.shows()?;
         if self.range.is_some_and(|[low, high]| !low.is_finite() || !high.is_finite() || low > high) {
-            return Err("range: two finite numbers, the lower one first".into());
+            return Err("range: must be two finite numbers, the lower one first".into());
         }
         Ok(())
     }
@@ -123,15 +123,17 @@ impl View {
 pub(super) fn check_pose(eye: [f64; 3], target: [f64; 3], up: [f64; 3], fov: f64) -> Result<(), String> {
     let far = |v: &[f64; 3]| v.iter().any(|x| !x.is_finite() || x.abs() > 1e12);
     if far(&eye) || far(&target) || far(&up) {
-        return Err("eye, target and up: three finite numbers each".into());
+        return Err("eye, target and up: must be three finite numbers each".into());
     }
     let [eye, target, up] = [eye, target, up].map(DVec3::from_array);
     let along = target - eye;
     if along.length() < 1e-9 || up.length() < 1e-9 || up.cross(along).length() < 1e-9 * up.length() * along.length() {
-        return Err("eye and target: two points apart, and up not along the line between them".into());
+        return Err(
+            "eye and target: must be two distinct points, and up must not be along the line between them".into()
+        );
     }
     if !(0.001..3.1).contains(&fov) {
-        return Err("fov: between 0.001 and 3.1".into());
+        return Err("fov: must be between 0.001 and 3.1".into());
     }
     Ok(())
 }

@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_skin_goes_with_what_it_covers_and_the_rest_of_its_material_stays() {
+    fn a_surface_layer_joins_what_it_covers_and_the_rest_of_its_material_stays() {
         let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
         // four ninths of the first sphere are of the material of the second, which is far away
         let mut labels = sphere(&mut at, -3.0, 1.0, |i| if i % 9 < 5 { 1 } else { 2 });
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn bodies_of_the_same_two_materials_are_of_one() {
+    fn bodies_of_the_same_two_materials_get_one_label() {
         let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
         // two spheres are five ninths of the first material, the third is five ninths of the second and would get that
         // label on its own
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn shells_around_things_and_patches_on_them_stay() {
+    fn shells_around_objects_and_patches_on_them_stay() {
         let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
         // a core, a shell well away from it, and a sphere with one half painted
         let mut labels = sphere(&mut at, 0.0, 1.0, |_| 1);
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_material_stays_and_what_is_not_seen_goes_along() {
+    fn gaussians_without_material_stay_and_invisible_ones_follow() {
         let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
         let mut labels = sphere(&mut at, 0.0, 1.0, |i| if i % 9 < 5 { 1 } else { 2 });
         (labels[3], at.opacity_logits[8]) = (0, -9.0);

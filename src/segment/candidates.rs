@@ -19,9 +19,9 @@ use volseggs_kernels::activation::sigmoid_f64;
 use volseggs_kernels::contrast::FEATURES;
 
 /// Number of scales whose features are cached: those at which levels are sought, that of wholes, and that of a slider.
-const KEPT: usize = 7;
+const MAX_CACHED: usize = 7;
 
-/// Cached results about candidates, see [`Candidates::knowing`].
+/// Cached results about candidates, see [`Candidates::with_found`].
 #[derive(Debug, Default)]
 pub struct Found {
     /// Encoded positions `[M, 24]`.
@@ -74,7 +74,7 @@ impl<'a> Candidates<'a> {
 
     /// Reuses what [`Self::into_found`] returned for exactly the same arguments.
     #[must_use]
-    pub fn knowing(mut self, found: Found) -> Self {
+    pub fn with_found(mut self, found: Found) -> Self {
         self.found = found;
         self
     }
@@ -149,7 +149,7 @@ impl<'a> Candidates<'a> {
             features.extend_from_slice(&all[FEATURES * position..FEATURES * (position + 1)]);
         }
         let mut found = objects(&body, &features)?;
-        if found.iter().all(|thing| *thing == 1) {
+        if found.iter().all(|object| *object == 1) {
             found = necks::parts(&body)?;
         }
         let found = Arc::new(found);
@@ -172,7 +172,7 @@ impl<'a> Candidates<'a> {
                     self.within.iter().flat_map(|&i| &self.places[3 * i as usize..][..3]).copied().collect();
                 self.frame.encode(&means)
             });
-            if kept.len() == KEPT {
+            if kept.len() == MAX_CACHED {
                 kept.remove(0);
             }
             kept.push((scale, Arc::new(self.field.features(encoded, scale))));
@@ -195,7 +195,7 @@ mod tests {
     use crate::segment::balls::{APART, COUNT};
 
     #[test]
-    fn what_is_kept_answers_as_what_is_found_anew() {
+    fn cached_results_equal_recomputed_ones() {
         let device = DeviceName::all()[0].open().unwrap();
         let at = APART.gaussians();
         let field = AffinityField::new(3, &device);
@@ -206,19 +206,19 @@ mod tests {
         // more scales than are cached
         for n in 0..20 {
             let scale = 0.1 * (n % 8) as f32;
-            let kept = new().knowing(found);
+            let kept = new().with_found(found);
             assert_eq!(kept.cosines(n, scale), new().cosines(n, scale), "{scale}");
             assert_eq!(kept.shown(), new().shown());
             assert_eq!(kept.pieces().unwrap(), new().pieces().unwrap());
             found = kept.into_found();
         }
-        assert_eq!(found.features.borrow().len(), KEPT);
+        assert_eq!(found.features.borrow().len(), MAX_CACHED);
         // results kept for another time are those computed afresh there
         let mut later = at.clone();
         later.opacity_logits.iter_mut().step_by(2).for_each(|logit| *logit = -9.0);
         let new = || Candidates::new(&field, &frame, &at.means, &later, &within);
-        let kept = new().knowing(found.at_another_time());
-        assert_eq!(kept.found.features.borrow().len(), KEPT);
+        let kept = new().with_found(found.at_another_time());
+        assert_eq!(kept.found.features.borrow().len(), MAX_CACHED);
         assert_eq!(kept.cosines(7, 0.3), new().cosines(7, 0.3));
         assert_eq!((kept.shown(), kept.pieces().unwrap()), (new().shown(), new().pieces().unwrap()));
     }

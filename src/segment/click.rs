@@ -10,7 +10,7 @@ const FAINT: f32 = 0.05;
 /// Maximum distance between a click and the thin object that it means, as a fraction of the image width.
 const REACH: f32 = 0.01;
 /// Lower bound of that distance in pixels.
-const LEAST_REACH: f32 = 2.0;
+const MIN_REACH: f32 = 2.0;
 
 /// Returns the Gaussians under a click on column `x` and row `y`, as indices and weights, nearest first. They are those
 /// that contribute to that pixel or, where it shows nothing, to the nearest pixel that shows something, up to a
@@ -45,7 +45,7 @@ fn shows(found: &Contributors, row: usize) -> bool {
 
 /// The pixels within reach of a pixel, without itself, nearest first.
 fn around([x, y]: [u32; 2], [width, height]: [usize; 2]) -> Vec<u32> {
-    let reach = (REACH * width as f32).max(LEAST_REACH);
+    let reach = (REACH * width as f32).max(MIN_REACH);
     let (x, y, steps) = (i64::from(x), i64::from(y), reach as i64);
     let mut found: Vec<(i64, u32)> = Vec::new();
     for (dy, dx) in (-steps..=steps).flat_map(|dy| (-steps..=steps).map(move |dx| (dy, dx))) {
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_click_finds_the_heaviest_and_what_is_wanted_of_it() {
+    fn a_click_finds_the_heaviest_gaussian_that_is_wanted() {
         let device = crate::device::DeviceName::Flex.open().unwrap();
         let (at, settings) = three();
         let under = under(&at, settings, [32, 24], &device).unwrap();
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_click_beside_a_thin_thing_means_it() {
+    fn a_click_beside_a_thin_object_selects_it() {
         let device = crate::device::DeviceName::Flex.open().unwrap();
         let (mut at, settings) = three();
         // a thread along the vertical, a fraction of a pixel wide, in column 32

@@ -30,14 +30,14 @@ fn two_balls() -> (HostGaussians, Vec<u32>) {
 }
 
 #[test]
-fn colours_are_told_apart_and_strays_and_haze_belong_to_none() {
+fn colours_are_separated_and_haze_belongs_to_none() {
     let (g, truth) = two_balls();
     for space in [ColourSpace::Rgb, ColourSpace::Lab, ColourSpace::Material] {
         let out = coarse(&g, None, &CoarseOptions { space, ..CoarseOptions::default() }).unwrap();
         let names: Vec<&str> = out.palette.iter().map(|p| p.name.as_str()).collect();
         assert_eq!(names, ["blue", "red"], "{space:?}");
         let wrong = out.labels.iter().zip(&truth).filter(|(a, b)| a != b).count();
-        assert!(wrong <= 9, "{wrong} wrong in {space:?}: at most the rim of the balls may go with the stray");
+        assert!(wrong <= 9, "{wrong} wrong in {space:?}: only the rims of the balls may be");
         // with mean colours it is an outlier, with materials it takes the label of its neighbours
         let stray = if space == ColourSpace::Material { 1 } else { 0 };
         assert_eq!(out.labels.last(), Some(&stray), "the stray");
@@ -55,7 +55,7 @@ fn colours_are_told_apart_and_strays_and_haze_belong_to_none() {
     let kept = CoarseOptions { outliers: None, clusters: Some(2), space: ColourSpace::Rgb, ..CoarseOptions::default() };
     let out = coarse(&g, None, &kept).unwrap();
     assert_eq!((out.outliers, out.labels.last()), (0, Some(&2)));
-    assert_eq!(out.labels, coarse(&g, None, &kept).unwrap().labels, "the same twice");
+    assert_eq!(out.labels, coarse(&g, None, &kept).unwrap().labels, "the same labels again");
 }
 
 #[test]
@@ -86,7 +86,7 @@ fn every_gaussian_is_accounted_for_and_no_colour_is_empty() {
 }
 
 #[test]
-fn a_thin_thread_stays_where_its_gaussians_touch_and_goes_where_they_do_not() {
+fn a_thin_thread_is_kept_only_where_its_gaussians_touch() {
     let (mut g, truth) = two_balls();
     let ball = g.len();
     for k in 0..60 {
@@ -107,7 +107,7 @@ fn a_thin_thread_stays_where_its_gaussians_touch_and_goes_where_they_do_not() {
 }
 
 #[test]
-fn poison_and_nothing_are_taken() {
+fn empty_and_non_finite_inputs_are_accepted() {
     let (mut g, _) = two_balls();
     (g.means[0], g.sh[20], g.opacity_logits[6]) = (f32::NAN, f32::INFINITY, f32::NAN);
     let out = coarse(&g, None, &CoarseOptions::default()).unwrap();
@@ -119,14 +119,14 @@ fn poison_and_nothing_are_taken() {
 }
 
 #[test]
-fn what_is_seen_later_goes_once_to_where_its_nearest_went() {
+fn gaussians_visible_later_are_relabelled_once_with_their_nearest() {
     // on a line: two of material 1, one of them relabelled as 2; one of material 2, relabelled as 3; near them, four
     // that are visible later
     let x = [0.0, 1.0, 2.0, 0.1, 0.9, 2.1, 5.0];
     let at = HostGaussians { means: x.iter().flat_map(|x| [*x, 0.0, 0.0]).collect(), ..HostGaussians::default() };
     let mut later = [1, 1, 2, 3];
     follow_nearest(&at, [&[0, 1, 2], &[3, 4, 5, 6]], [&[1, 1, 2], &[1, 2, 3]], &mut later).unwrap();
-    assert_eq!(later, [1, 2, 3, 3], "the second does not go on to 3, and material 3 did not move");
+    assert_eq!(later, [1, 2, 3, 3], "the second is relabelled only once, and material 3 is unchanged");
     let mut alone = [4];
     follow_nearest(&at, [&[0], &[3]], [&[1], &[2]], &mut alone).unwrap();
     assert_eq!(alone, [4]);

@@ -106,7 +106,7 @@ mod tests {
     use crate::rng::{Purpose, Rng};
 
     #[test]
-    fn distances_are_those_of_all_pairs_and_what_is_enclosed_is_inside() {
+    fn distances_match_brute_force_and_enclosed_cells_are_inside() {
         let dims = [9, 8, 7];
         let mut rng = Rng::new(1, 0, Purpose::Custom(0));
         let place = |c: usize| [c % 9, c / 9 % 8, c / 72];

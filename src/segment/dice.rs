@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 /// Two lists of labels cannot be compared, as their lengths differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("predicted: {predicted} labels for {truth} true ones; compare volumes on the same grid")]
+#[error("{predicted} predicted labels, but {truth} true ones; compare volumes on the same grid")]
 pub struct LengthError {
     /// Number of true labels.
     pub truth: usize,

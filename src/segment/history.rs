@@ -7,7 +7,7 @@ use crate::name::Name;
 use std::path::Path;
 
 /// Maximum number of changes that can be undone.
-pub const MOST: usize = 50;
+pub const MAX_CHANGES: usize = 50;
 
 /// Segments with the history of their changes.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,18 +47,18 @@ impl History {
     }
 
     /// Replaces the current segments by `segments`; [`History::undo`] restores them. `change` describes what was done,
-    /// such as `remove pair`. Undone changes are discarded, and so are those before the last [`MOST`]. Equal `segments`
-    /// are no change.
+    /// such as `remove pair`. Undone changes are discarded, and so are those before the last [`MAX_CHANGES`]. Equal
+    /// `segments` are no change.
     pub fn change(&mut self, change: impl Into<String>, segments: Vec<Segment>) {
         if segments == self.now.segments {
             // undoing a step that does nothing would only confuse the user
             return;
         }
         let before = std::mem::replace(&mut self.now.segments, segments);
-        let step = self.put_away(change.into(), before);
+        let step = self.store(change.into(), before);
         self.steps.undo.push(step);
         self.steps.redo.clear();
-        let over = self.steps.undo.len().saturating_sub(MOST);
+        let over = self.steps.undo.len().saturating_sub(MAX_CHANGES);
         self.steps.undo.drain(..over);
     }
 
@@ -124,11 +124,11 @@ impl History {
             |past: Past| Segment { members: members.get(&past.members).cloned().unwrap_or_default(), ..past.segment };
         let segments = step.segments.into_iter().map(of).collect();
         let before = std::mem::replace(&mut self.now.segments, segments);
-        let back = Step { renamed: step.renamed, ..self.put_away(step.change.clone(), before) };
+        let back = Step { renamed: step.renamed, ..self.store(step.change.clone(), before) };
         (step.change, back)
     }
 
-    fn put_away(&mut self, change: String, segments: Vec<Segment>) -> Step {
+    fn store(&mut self, change: String, segments: Vec<Segment>) -> Step {
         let mut put = |mut segment: Segment| {
             let members = std::mem::take(&mut segment.members);
             let key = key(&members);
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn changes_are_taken_back_and_brought_back_also_from_the_file() {
+    fn changes_are_undone_and_redone_across_saves() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("segments.safetensors");
         let mut history = two_changes();
@@ -207,14 +207,14 @@ mod tests {
         assert_eq!((history.redo(), history.now()), (None, all.now()));
         history.undo();
         history.change("group pair", vec![segment("pair", &[1])]);
-        assert!(history.redoable().is_empty(), "a new change forgets what was taken back");
+        assert!(history.redoable().is_empty(), "a new change discards undone ones");
         let before = history.clone();
         history.change("group pair", vec![segment("pair", &[1])]);
-        assert_eq!(history, before, "what changes nothing is no step");
+        assert_eq!(history, before, "a change without effect is not a step");
     }
 
     #[test]
-    fn a_new_name_is_taken_back_and_given_again_also_from_the_file() {
+    fn renames_are_undone_and_redone_across_saves() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("segments.safetensors");
         let [blue, sky] = ["blue", "sky"].map(|n| Name::new(n).unwrap());
@@ -242,7 +242,7 @@ mod tests {
         assert_eq!(tensors(&path).iter().filter(|n| n.starts_with("history/")).count(), 2);
         history.undo();
         history.save(&path).unwrap();
-        assert_eq!(tensors(&path).iter().filter(|n| n.starts_with("history/")).count(), 1, "red's are those of now");
+        assert_eq!(tensors(&path).iter().filter(|n| n.starts_with("history/")).count(), 1, "red is a current segment");
         let bytes = std::fs::read(&path).unwrap();
         history.save(&path).unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), bytes, "the same content gives the same bytes");
@@ -258,10 +258,10 @@ mod tests {
         for i in 0..80 {
             history.change(format!("change {i}"), vec![segment("red", &[i])]);
         }
-        assert_eq!(history.undoable().len(), MOST);
+        assert_eq!(history.undoable().len(), MAX_CHANGES);
         history.save(&path).unwrap();
         let mut history = History::load(&path).unwrap();
-        assert_eq!(tensors(&path).len(), MOST + 2, "with the segment of now and the digest");
+        assert_eq!(tensors(&path).len(), MAX_CHANGES + 2, "with the current segment and the digest");
         while history.undo().is_some() {}
         assert_eq!(history.now().segments, [segment("red", &[29])]);
     }

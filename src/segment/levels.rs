@@ -28,9 +28,9 @@ const STABLE: f64 = 0.5;
 /// Minimum intersection over union of two selections that are one level.
 const ALIKE: f64 = 0.85;
 /// Preference for larger levels over more stable ones: the exponent of a level's share of the weight.
-const LARGE: f64 = 0.1;
+const SIZE_EXPONENT: f64 = 0.1;
 /// Preference for levels that omit something over those that take everything: the exponent of the rest of the weight.
-const NOT_ALL: f64 = 0.3;
+const REST_EXPONENT: f64 = 0.3;
 
 /// Maximum number of pieces whose parts are found before a click, see [`prepare`].
 const PIECES: usize = 8;
@@ -221,7 +221,7 @@ fn overlap(a: &[u32], b: &[u32]) -> f64 {
 /// Returns the position of the most stable level, with a slight preference for larger ones and against taking
 /// everything.
 fn most_likely(levels: &[Level]) -> usize {
-    let score = |l: &Level| l.stability * l.share.powf(LARGE) * (1.0 - l.share).max(1e-6).powf(NOT_ALL);
+    let score = |l: &Level| l.stability * l.share.powf(SIZE_EXPONENT) * (1.0 - l.share).max(1e-6).powf(REST_EXPONENT);
     let mut best = 0;
     for (n, level) in levels.iter().enumerate() {
         if score(level) > score(&levels[best]) {

@@ -9,7 +9,7 @@ use crate::segment::fine::train::{FineOptions, train};
 use crate::segment::pick::{Meaning, PickOptions, pick};
 
 #[test]
-fn a_click_on_a_ball_means_the_ball_and_the_levels_are_what_pick_takes() {
+fn a_click_on_a_ball_selects_it_and_pick_uses_the_same_levels() {
     let device = DeviceName::all()[0].open().unwrap();
     let at = APART.gaussians();
     // the features of the balls separate only after the first few hundred steps
@@ -36,7 +36,7 @@ fn a_click_on_a_ball_means_the_ball_and_the_levels_are_what_pick_takes() {
         assert_eq!(picked.levels, found);
         assert_eq!(take(Meaning::Level(likeliest), false).members, found[likeliest].members);
         assert_eq!(take(Meaning::Level(99), false).level, Some(found.len() - 1), "there are no more");
-        assert_eq!(levels(&of(&all), clicked).unwrap(), (found, likeliest), "the same twice");
+        assert_eq!(levels(&of(&all), clicked).unwrap(), (found, likeliest), "the same levels again");
     }
     assert!(levels(&of(&all[1..]), 0).is_err());
     assert_eq!(levels(&of(&[5]), 5).unwrap().0[0].members, [5], "alone");
@@ -52,7 +52,7 @@ fn a_click_on_a_ball_means_the_ball_and_the_levels_are_what_pick_takes() {
 }
 
 #[test]
-fn a_click_on_one_of_two_beads_that_touch_means_it_and_the_next_level_is_both() {
+fn a_click_on_one_of_two_touching_beads_selects_it_and_a_higher_level_has_both() {
     let device = DeviceName::all()[0].open().unwrap();
     // a third one far away, so that the beads are not the whole scene
     let (at, bead_of) = surfaces(&[(-0.9, 1.0), (0.9, 1.0), (9.0, 0.5)]);
@@ -78,11 +78,11 @@ fn a_plateau_is_found_between_two_slopes() {
     let found = plateaus(&sizes);
     assert!(found.iter().any(|(k, s)| *s == 1.0 && sizes[*k] == 50.0), "{found:?}");
     let steep: Vec<f64> = (0..COSINES).map(|k| 0.1f64.powi(k as i32)).collect();
-    assert_eq!(plateaus(&steep).len(), 1, "the best of a bad lot");
+    assert_eq!(plateaus(&steep).len(), 1, "only the best where none is stable");
 }
 
 #[test]
-fn poison_weighs_nothing_and_is_like_nothing() {
+fn non_finite_gaussians_weigh_nothing_and_match_nothing() {
     let mut at = APART.gaussians();
     (at.log_scales[0], at.opacity_logits[1]) = (f32::NAN, f32::INFINITY);
     assert_eq!(sizes(&[f32::NAN, 2.0], &[5.0, 1.0], 0.5)[0], 1.0);

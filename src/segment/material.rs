@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn a_side_that_no_view_held_moves_the_hue_less_than_it_moves_the_mean() {
+    fn a_side_without_views_affects_the_hue_less_than_the_mean() {
         let plain = shaded([0.1, 0.3, 0.8], 0.5, 0.4, 0.0);
         // red rises far above 1 towards +x only: 1.2 (x + x^2), x^2 = 1/3 + (x^2 - y^2) / 2 - (3 z^2 - 1) / 6
         let mut wild = plain.clone();

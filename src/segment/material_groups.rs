@@ -19,7 +19,7 @@ const ROUNDS: usize = 3;
 const LIT: usize = NEIGHBOURS * 5 / 8;
 /// Distance in the plane within which the colours of neighbours are averaged (standard deviation); touching materials
 /// stay separate.
-const LIKE: f32 = 0.17;
+const SIMILARITY_WIDTH: f32 = 0.17;
 /// Fraction of similar neighbours, by opacity, below which a Gaussian shows no material of its own, and how much more
 /// make it count in full. A tenth of trained Gaussians have a colour unlike that of their material.
 const SUPPORT: [f32; 2] = [0.1, 0.3];
@@ -29,7 +29,7 @@ const PLANE: ModeConfig = ModeConfig { range: [-0.9, 0.9], bandwidth: 0.035, sma
 /// [`modes`].
 const PASS: f64 = 0.5;
 /// The same for two chromas of one hue, which highlights and haze spread out.
-const PASS_OF_A_HUE: f64 = 0.35;
+const CHROMA_PASS: f64 = 0.35;
 /// Difference of two hues below which they are one, radians.
 const ONE_HUE: f32 = 0.35;
 /// Chroma in the plane below which there is no clear hue.
@@ -44,13 +44,13 @@ const LIGHT_PASS: f64 = 0.25;
 /// Brightness below which all colours count as equally dark.
 const DARKEST: f32 = 0.05;
 /// Standard deviation of the weight of a vote over the distance to a material in the plane.
-const SURE: f32 = 0.12;
+const VOTE_WIDTH: f32 = 0.12;
 /// Distance in the plane from every material beyond which a mode belongs to none of them.
 const UNKNOWN: f32 = 0.2;
 /// Minimum fraction of the total weight for a material that no Gaussian shows at the chosen time.
 const UNSEEN: f64 = 0.05;
 /// Weight of a Gaussian's own vote relative to that of all its neighbours.
-const OWN: f32 = 3.0;
+const OWN_VOTE: f32 = 3.0;
 /// Number of materials that each Gaussian votes for, the nearest ones.
 const CANDIDATES: usize = 4;
 
@@ -201,7 +201,7 @@ fn like_mean(i: usize, plane: &[[f32; 2]], strength: &[f32], neighbours: &[u32])
     for &j in neighbours {
         let j = j as usize;
         let square = (plane[j][0] - plane[i][0]).powi(2) + (plane[j][1] - plane[i][1]).powi(2);
-        let weight = f64::from(strength[j] * (-0.5 * square / (LIKE * LIKE)).exp());
+        let weight = f64::from(strength[j] * (-0.5 * square / (SIMILARITY_WIDTH * SIMILARITY_WIDTH)).exp());
         (0..2).for_each(|a| sum[a] += weight * f64::from(plane[j][a]));
         like += weight;
         all += f64::from(strength[j]);
@@ -244,14 +244,14 @@ fn parts(smooth: &Smooth, weights: &[f32]) -> Result<Vec<Members>, PointsError> 
 fn pass(a: [f32; 2], b: [f32; 2]) -> f64 {
     let turn = (a[0] * b[1] - a[1] * b[0]).atan2(a[0] * b[0] + a[1] * b[1]).abs();
     let clear = a[0].hypot(a[1]).min(b[0].hypot(b[1])) > NO_HUE;
-    if clear && turn < ONE_HUE { PASS_OF_A_HUE } else { PASS }
+    if clear && turn < ONE_HUE { CHROMA_PASS } else { PASS }
 }
 
-/// The nearest materials with their squared distances in units of [`SURE`], nearest first.
+/// The nearest materials with their squared distances in units of [`VOTE_WIDTH`], nearest first.
 fn candidates(centres: &[Centre], plane: [f32; 2], light: f32) -> impl Iterator<Item = (usize, f32)> {
     let mut nearest: Vec<(usize, f32)> = Vec::with_capacity(CANDIDATES + 1);
     for (k, centre) in centres.iter().enumerate() {
-        let distance = centre.squared(plane, light) / (SURE * SURE);
+        let distance = centre.squared(plane, light) / (VOTE_WIDTH * VOTE_WIDTH);
         let at = nearest.partition_point(|&(_, d)| d <= distance);
         if at < CANDIDATES {
             nearest.insert(at, (k, distance));
@@ -272,7 +272,7 @@ fn vote(smooth: &Smooth, centres: &[Centre], neighbours: &[[u32; NEIGHBOURS]]) -
         candidates(centres, smooth.plane[i], smooth.light[i]).map(|(k, d)| (k, (-0.5 * d).exp())).collect()
     });
     per_row(neighbours.len(), |i| {
-        let own = OWN * smooth.certainty[i] * (smooth.support[i] / SUPPORT[1]).min(1.0);
+        let own = OWN_VOTE * smooth.certainty[i] * (smooth.support[i] / SUPPORT[1]).min(1.0);
         let all: f32 = neighbours[i].iter().map(|&j| smooth.strength[j as usize]).sum();
         // its own nearest material comes first and wins where no vote counts
         let mut counts: Vec<(usize, f32)> = votes[i].iter().map(|&(k, sure)| (k, own * sure)).collect();

@@ -25,12 +25,12 @@ const BORDER: usize = 4;
 /// 2026-11-23 in `benches/results`.
 const NECK: f32 = 0.7;
 /// Minimum depth of a part in cells: the shapes of thinner ones are those of the cells.
-const LEAST: f32 = 3.0;
+const MIN_DEPTH: f32 = 3.0;
 /// Minimum fraction of a part that the ball with its maximum depth as radius fills. Balls fill themselves, plumes 0.2
 /// to 0.5, tubes and rings 0.1.
-const ROUND: f64 = 0.6;
+const MIN_ROUNDNESS: f64 = 0.6;
 /// Minimum depth of a part relative to the deepest one; a shallower peak is a bump on a part.
-const BUMP: f32 = 0.25;
+const MIN_RELATIVE_DEPTH: f32 = 0.25;
 
 /// Returns the part of each Gaussian of `body`, a single connected piece, `[M]` from 1; all 1 where there is no neck or
 /// a part is not round. Gaussians in no part of their own, on the surface layer or on bumps, join the nearest one.
@@ -64,7 +64,7 @@ pub fn parts(body: &HostGaussians) -> Result<Vec<u32>, VoxelError> {
             near.extend([k - x, k, k + x].into_iter().flat_map(|j| j - 1..=j + 1));
         }
     };
-    let large = |low: f32, top: f32| low >= LEAST && low >= BUMP * top;
+    let large = |low: f32, top: f32| low >= MIN_DEPTH && low >= MIN_RELATIVE_DEPTH * top;
     let parted = |low: &Mode, top: &Mode, c: usize| {
         let (low, top) = (depth[low.summit], depth[top.summit]);
         large(low, top) && depth[c] < NECK * low
@@ -77,7 +77,7 @@ pub fn parts(body: &HostGaussians) -> Result<Vec<u32>, VoxelError> {
     of_cell.iter().filter(|h| **h != usize::MAX).for_each(|h| cells[*h] += 1);
     let round = |n: usize| {
         let ball = 4.0 / 3.0 * PI * f64::from(depth[modes[n].summit]).powi(3);
-        ball >= ROUND * cells[n] as f64
+        ball >= MIN_ROUNDNESS * cells[n] as f64
     };
     let of_parts: Vec<usize> = (0..modes.len()).filter(|&n| kept[n]).collect();
     if of_parts.len() < 2 || !of_parts.into_iter().all(round) {
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn one_ball_two_that_have_melted_and_a_rod_have_no_neck() {
+    fn a_ball_two_merged_balls_and_a_rod_have_no_neck() {
         for balls in [vec![(0.0, 1.0)], vec![(-0.4, 1.0), (0.4, 1.0)], (0..20).map(|i| (0.1 * i as f32, 0.5)).collect()]
         {
             let (body, _) = surfaces(&balls);
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ring_with_two_necks_is_one() {
+    fn a_ring_with_two_necks_is_one_part() {
         // its halves are half circles
         let mut ring = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
         for k in 0..1200 {
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_nowhere_or_has_no_size_is_one() {
+    fn bodies_without_position_or_size_are_one_part() {
         let (mut body, _) = surfaces(&[(-0.9, 1.0), (0.9, 1.0)]);
         body.means[0] = f32::NAN;
         body.log_scales[6] = f32::INFINITY;

@@ -162,12 +162,12 @@ mod tests {
     }
 
     #[test]
-    fn balls_that_touch_are_two_where_their_features_differ_and_one_where_not() {
+    fn touching_balls_are_two_objects_only_where_their_features_differ() {
         let (body, of) = surfaces(&[(-0.97, 1.0), (0.97, 1.0)]);
         let unlike: Vec<f32> = of.iter().flat_map(|ball| at(0.9 * *ball as f32)).collect();
         let found = objects(&body, &unlike).unwrap();
         assert_eq!(counts(&found).len(), 2);
-        let wrong = found.iter().zip(&of).filter(|(thing, ball)| (found[0] == **thing) != (of[0] == **ball)).count();
+        let wrong = found.iter().zip(&of).filter(|(label, ball)| (found[0] == **label) != (of[0] == **ball)).count();
         assert!(wrong * 50 < of.len(), "{wrong} of {}", of.len());
         assert_eq!(found, on_threads(1, || objects(&body, &unlike)).unwrap());
         let like: Vec<f32> = of.iter().flat_map(|ball| at(0.3 * *ball as f32)).collect();
@@ -179,12 +179,12 @@ mod tests {
         let (body, _) = surfaces(&[(0.0, 1.0)]);
         // by more than two radians in all: opposite sides are unlike
         let drift: Vec<f32> = body.means.chunks_exact(3).flat_map(|p| at(1.2 * p[0])).collect();
-        assert!(groups(&drift).len() > 2, "patches of like features are there");
+        assert!(groups(&drift).len() > 2, "there are several patches of similar features");
         assert_eq!(objects(&body, &drift).unwrap(), vec![1; body.len()]);
     }
 
     #[test]
-    fn nothing_one_and_poison() {
+    fn empty_single_and_non_finite_inputs() {
         let (body, of) = surfaces(&[(-0.97, 1.0), (0.97, 1.0)]);
         assert_eq!(objects(&body.subset(&[]), &[]).unwrap(), [0u32; 0]);
         assert_eq!(objects(&body.subset(&[4]), &at(0.1)).unwrap(), [1]);

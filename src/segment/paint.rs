@@ -11,7 +11,7 @@ use volseggs_kernels::activation::{logit_f64, sigmoid_f64};
 /// Minimum alpha of pixels whose depth is shown.
 const MIN_ALPHA: f32 = 0.1;
 /// Colour of Gaussians in no segment.
-const NOBODY: [f32; 3] = [0.8; 3];
+const UNSEGMENTED: [f32; 3] = [0.8; 3];
 /// Factor on the opacity of Gaussians in no segment.
 const FAINT: f64 = 0.1;
 
@@ -39,7 +39,7 @@ pub fn by_segment(mut gaussians: HostGaussians, all: &Segmentation) -> HostGauss
         }
     }
     gaussians.opacity_logits.iter_mut().zip(&colours).filter(|(_, c)| c.is_none()).for_each(|(logit, _)| fade(logit));
-    flat(gaussians, colours.into_iter().map(|c| c.unwrap_or(NOBODY)))
+    flat(gaussians, colours.into_iter().map(|c| c.unwrap_or(UNSEGMENTED)))
 }
 
 /// Multiplies an opacity by [`FAINT`].
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn the_deepest_part_wins_and_those_in_none_are_faint() {
+    fn the_deepest_part_wins_and_unsegmented_gaussians_are_faint() {
         let mut all = Segmentation::new(5, "scene".into());
         let mut add = |name: &str, parent: Option<&str>, colour, members: &[u32]| {
             let (name, parent, members) =
@@ -142,7 +142,7 @@ mod tests {
         add("other", None, blue, &[1, 2, 3]);
         let painted = by_segment(gaussians(5), &all);
         assert_eq!((painted.sh_stride, painted.sh.len()), (1, 15));
-        assert_eq!([0, 1, 2, 3, 4].map(|i| colour(&painted, i)), [red, green, blue, blue, NOBODY]);
+        assert_eq!([0, 1, 2, 3, 4].map(|i| colour(&painted, i)), [red, green, blue, blue, UNSEGMENTED]);
         let opacity = painted.opacity();
         assert_eq!(opacity[..4], [0.5; 4]);
         assert!((opacity[4] - 0.05).abs() < 1e-6, "{opacity:?}");
@@ -162,14 +162,14 @@ mod tests {
     }
 
     #[test]
-    fn diverging_colours_have_their_middle_at_nothing() {
+    fn diverging_colours_are_centred_at_zero() {
         let colours: Vec<[f32; 3]> = diverging(&[-9.0, -2.0, 0.0, 2.0, f32::NAN], 2.0, "cool-warm").collect();
         assert!(colours[0] == colours[1] && colours[2] == colours[4]);
         assert!(colours[1][2] > colours[1][0] && colours[3][0] > colours[3][2], "blue below, red above: {colours:?}");
     }
 
     #[test]
-    fn depth_is_coloured_where_something_is() {
+    fn depth_is_coloured_where_something_is_visible() {
         let alpha = [0.0, 0.05, 0.9, 0.5, 1.0];
         let rgba = alpha.iter().flat_map(|a| [0.3, 0.3, 0.3, *a]).collect();
         let picture = Picture { width: 5, height: 1, rgba, depth: vec![0.0, 9.0, 2.0, 3.0, 4.0] };

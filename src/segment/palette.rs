@@ -54,14 +54,14 @@ const NAMED: [(&str, u32); 34] = [
 /// Number of leading entries of [`NAMED`] that have no hue.
 const GREYS: usize = 5;
 /// Chroma in CIE Lab from which a hue is visible.
-const CLEAR: f32 = 10.0;
+const MIN_HUE_CHROMA: f32 = 10.0;
 /// Colours of less chroma have their hue compared as if they had this much.
-const COMPARED: f32 = 40.0;
+const COMPARED_CHROMA: f32 = 40.0;
 /// Weight of a difference in chroma relative to one in lightness, where a dull colour is named by its hue.
 const DULL: f32 = 0.3;
 
 /// Maximum distance, in CIE Lab, of another name from a colour whose own name is taken.
-const ANOTHER: f32 = 30.0;
+const MAX_NAME_DISTANCE: f32 = 30.0;
 
 /// Names the rows of `colours` `[K, 3]` (sRGB in `[0, 1]`) by the nearest named colour in CIE Lab. Where that is a grey
 /// although a hue is visible, as in the dull blue of thin smoke, the nearest in hue and lightness is used.
@@ -75,11 +75,11 @@ pub fn name_colours(colours: &[f32]) -> Vec<PaletteEntry> {
 /// Like [`name_colours`], but a name that is taken gives way to the next one of a similar colour: a pale and a deep
 /// blue are `light blue` and `blue`, and only nearly identical colours get numbers.
 pub fn name_materials(colours: &[f32]) -> Vec<PaletteEntry> {
-    named(colours, ANOTHER)
+    named(colours, MAX_NAME_DISTANCE)
 }
 
-/// Names the rows of `colours`; one whose name is taken gets the nearest free one within `another` of it.
-fn named(colours: &[f32], another: f32) -> Vec<PaletteEntry> {
+/// Names the rows of `colours`; one whose name is taken gets the nearest free one within `max_distance` of it.
+fn named(colours: &[f32], max_distance: f32) -> Vec<PaletteEntry> {
     let table: Vec<[f32; 3]> = NAMED.iter().map(|&(_, code)| rgb_to_lab(unpack(code))).collect();
     let mut used: Vec<(&str, usize)> = Vec::new();
     colours
@@ -90,7 +90,7 @@ fn named(colours: &[f32], another: f32) -> Vec<PaletteEntry> {
             let mut base = if known { nearest(&table, rgb) } else { "unknown" };
             if used.iter().any(|(name, _)| *name == base) {
                 let free = |name: &str| used.iter().all(|(other, _)| *other != name);
-                base = next_name(&table, base, rgb, another, free).unwrap_or(base);
+                base = next_name(&table, base, rgb, max_distance, free).unwrap_or(base);
             }
             let count = match used.iter_mut().find(|(name, _)| *name == base) {
                 Some((_, count)) => {
@@ -108,18 +108,18 @@ fn named(colours: &[f32], another: f32) -> Vec<PaletteEntry> {
         .collect()
 }
 
-/// The nearest free name for a colour called `base`, nearer than `another`; greys get the names of greys, others do
-/// not.
+/// The nearest free name for a colour called `base`, nearer than `max_distance`; greys get the names of greys, others
+/// do not.
 fn next_name(
     table: &[[f32; 3]],
     base: &str,
     rgb: [f32; 3],
-    another: f32,
+    max_distance: f32,
     free: impl Fn(&str) -> bool,
 ) -> Option<&'static str> {
     let lab = rgb_to_lab(rgb);
     let grey = NAMED[..GREYS].iter().any(|(name, _)| *name == base);
-    let mut best = (another * another, None);
+    let mut best = (max_distance * max_distance, None);
     for (k, ((name, _), entry)) in NAMED.iter().zip(table).enumerate().filter(|(k, _)| (*k < GREYS) == grey) {
         let distance = if k < GREYS { (entry[0] - lab[0]).powi(2) } else { by_hue(*entry, lab) };
         if distance < best.0 && free(name) {
@@ -138,15 +138,15 @@ pub fn hex(rgb: [f32; 3]) -> String {
 fn nearest(table: &[[f32; 3]], rgb: [f32; 3]) -> &'static str {
     let lab = rgb_to_lab(rgb);
     let plain = |entry: &[f32; 3]| (0..3).map(|i| (entry[i] - lab[i]).powi(2)).sum();
-    let found = least(table, plain);
-    if found >= GREYS || lab[1].hypot(lab[2]) < CLEAR {
+    let found = index_of_nearest(table, plain);
+    if found >= GREYS || lab[1].hypot(lab[2]) < MIN_HUE_CHROMA {
         return NAMED[found].0;
     }
-    NAMED[GREYS + least(&table[GREYS..], |entry| by_hue(*entry, lab))].0
+    NAMED[GREYS + index_of_nearest(&table[GREYS..], |entry| by_hue(*entry, lab))].0
 }
 
 /// Index of the first entry at the smallest distance.
-fn least(table: &[[f32; 3]], distance: impl Fn(&[f32; 3]) -> f32) -> usize {
+fn index_of_nearest(table: &[[f32; 3]], distance: impl Fn(&[f32; 3]) -> f32) -> usize {
     let mut best = (f32::INFINITY, 0);
     for (i, entry) in table.iter().enumerate() {
         let distance = distance(entry);
@@ -162,7 +162,7 @@ fn least(table: &[[f32; 3]], distance: impl Fn(&[f32; 3]) -> f32) -> usize {
 fn by_hue(a: [f32; 3], b: [f32; 3]) -> f32 {
     let [ca, cb] = [a, b].map(|c| c[1].hypot(c[2]));
     let turn = a[2].atan2(a[1]) - b[2].atan2(b[1]);
-    let hue = 2.0 * (ca.max(COMPARED) * cb.max(COMPARED)).sqrt() * (0.5 * turn).sin();
+    let hue = 2.0 * (ca.max(COMPARED_CHROMA) * cb.max(COMPARED_CHROMA)).sqrt() * (0.5 * turn).sin();
     (a[0] - b[0]).powi(2) + (DULL * (ca - cb)).powi(2) + hue.powi(2)
 }
 
@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dull_colour_whose_hue_shows_is_no_grey() {
+    fn a_dull_colour_with_a_visible_hue_is_not_grey() {
         for (code, name) in [
             (0x3c466e, "dark blue"),
             (0x404858, "dark blue"),
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn poison_colours_are_shown_all_the_same() {
+    fn non_finite_colours_are_still_shown() {
         let palette = name_colours(&[f32::NAN, 0.0, 0.0, 7.0, -3.0, -1.0]);
         assert_eq!((palette[0].name.as_str(), palette[0].hex.as_str()), ("unknown", "#000000"));
         assert_eq!((palette[1].name.as_str(), palette[1].hex.as_str()), ("red", "#ff0000"));

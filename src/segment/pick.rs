@@ -74,7 +74,7 @@ impl From<Level> for Picked {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PickError {
     /// The clicked Gaussian is not a candidate.
-    #[error("Gaussian {clicked} was clicked, which is not among the {count} that are looked at; click on one of them")]
+    #[error("Gaussian {clicked} was clicked, but is not among the {count} candidates; click on one of them")]
     Outside {
         /// The clicked Gaussian.
         clicked: u32,
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_is_looked_at_is_selected_and_the_clicked_one_always_is() {
+    fn only_candidates_are_selected_and_always_the_clicked_one() {
         let device = DeviceName::all()[0].open().unwrap();
         let (at, field) = (APART.gaussians(), AffinityField::new(3, &device));
         let frame = Frame::around(&at.means);
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn saga_is_asked_for_the_same_cosine() {
+    fn saga_uses_the_same_cosine_by_default() {
         assert_eq!(SagaPick::default(), SagaPick { scale: 0.5, threshold: 0.9 });
     }
 }

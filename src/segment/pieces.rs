@@ -12,15 +12,15 @@ pub struct Touch {
     /// Maximum distance of two Gaussians, as a multiple of the sum of their largest standard deviations.
     pub reach: f32,
     /// Minimum opacity of Gaussians that connect others.
-    pub least: f32,
+    pub min_opacity: f32,
 }
 
 impl Touch {
     /// One object. At a reach of 2 a thread of Gaussians breaks into dashes, from 3 on an object merges with what lies
     /// next to it: see the results of 2026-11-22 in `benches/results`.
-    pub const SEEN: Self = Self { reach: 2.5, least: SEEN };
+    pub const SEEN: Self = Self { reach: 2.5, min_opacity: SEEN };
     /// The same, whether visible or not.
-    pub const ALL: Self = Self { least: 0.0, ..Self::SEEN };
+    pub const ALL: Self = Self { min_opacity: 0.0, ..Self::SEEN };
 }
 
 /// Fraction of the largest connected piece's opacity below which another piece is a stray.
@@ -40,7 +40,7 @@ pub fn pieces(at: &HostGaussians, members: &[u32], touch: Touch) -> Result<Compo
     };
     let mut radii = largest_scales(&rows(&at.log_scales))?;
     let opacity: Vec<f32> = members.iter().map(|&i| at.opacity_of(i as usize)).collect();
-    radii.iter_mut().zip(&opacity).filter(|(_, o)| **o < touch.least).for_each(|(radius, _)| *radius = 0.0);
+    radii.iter_mut().zip(&opacity).filter(|(_, o)| **o < touch.min_opacity).for_each(|(radius, _)| *radius = 0.0);
     components_touching(&rows(&at.means), &radii, touch.reach, &opacity, &ComponentFilter::default())
 }
 
@@ -80,11 +80,11 @@ mod tests {
         };
         let all: Vec<u32> = (0..n as u32).collect();
         assert_eq!(without_strays(&at, &all).unwrap(), all[..40]);
-        assert_eq!(without_strays(&at, &all[40..]).unwrap(), [40], "alone it is no stray");
+        assert_eq!(without_strays(&at, &all[40..]).unwrap(), [40], "a lone Gaussian is not a stray");
         assert_eq!(without_strays(&at, &[]).unwrap(), [0u32; 0]);
         at.opacity_logits[13..18].fill(-8.0);
         let parted = pieces(&at, &all, Touch::SEEN).unwrap().labels;
-        assert_eq!((parted[15], parted[12] == parted[18]), (0, false), "what is not seen holds nothing together");
+        assert_eq!((parted[15], parted[12] == parted[18]), (0, false), "invisible Gaussians connect nothing");
         assert_eq!(pieces(&at, &all, Touch::ALL).unwrap().labels[..30], [1; 30]);
         at.means[3] = f32::NAN;
         assert!(!without_strays(&at, &all).unwrap().contains(&1));

@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn what_comes_up_where_the_selected_goes_out_is_selected_and_what_comes_up_elsewhere_is_not() {
+    fn gaussians_that_replace_selected_ones_are_selected_and_others_are_not() {
         let n = 2 * STAGES * ALONG + 1;
         for time in [0.0, 0.5, 1.0] {
             let seen = rods(time).opacity();
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn what_never_comes_up_stays_as_it_was_and_poison_joins_nothing() {
+    fn invisible_gaussians_are_unchanged_and_non_finite_ones_join_nothing() {
         let n = 2 * STAGES * ALONG + 1;
         let mut was = vec![false; n];
         was[n - 1] = true;

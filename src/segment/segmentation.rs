@@ -85,7 +85,7 @@ pub enum SegmentationError {
         reason: &'static str,
     },
     /// No segment has that name.
-    #[error("no segment \"{name}\"; there is {list}")]
+    #[error("no segment \"{name}\"; available: {list}")]
     Unknown {
         /// The name.
         name: String,
@@ -133,11 +133,11 @@ impl Segmentation {
     fn check_free(&self, name: &Name) -> Result<(), SegmentationError> {
         let fail = |reason| Err(SegmentationError::Name { name: name.clone(), reason });
         if self.get(name).is_ok() {
-            return fail("there is one of that name; remove it first or choose another");
+            return fail("this name is taken; remove that segment first or choose another name");
         }
         // both are keys of the header of a tensor file
         if [DIGEST, "__metadata__"].contains(&name.as_str()) {
-            return fail("the file of segments needs that name for itself; choose another");
+            return fail("this name is reserved by the segments file; choose another");
         }
         Ok(())
     }
@@ -150,7 +150,7 @@ impl Segmentation {
         self.segments.iter().find(|s| s.name == name).ok_or_else(|| {
             let names: Vec<&str> = self.segments.iter().map(|s| s.name.as_str()).collect();
             let list =
-                if names.is_empty() { "none yet: run `volseggs segment coarse`".into() } else { names.join(", ") };
+                if names.is_empty() { "none yet; run `volseggs segment coarse`".into() } else { names.join(", ") };
             SegmentationError::Unknown { name: name.into(), list }
         })
     }
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_stays_the_same_is_known_by_another_name() {
+    fn only_otherwise_unchanged_segments_count_as_renamed() {
         let before = three();
         let mut after = before.clone();
         after.rename("red", &Name::new("core").unwrap()).unwrap();
@@ -308,12 +308,12 @@ mod tests {
         assert_eq!(renamed(&after, &before), [["core", "red"]]);
         after.add(segment("both", None, &[1, 3, 5])).unwrap();
         after.segments.retain(|s| s.name != *"red.1");
-        assert_eq!(renamed(&before, &after), [["red", "core"]], "one is new, one gone");
+        assert_eq!(renamed(&before, &after), [["red", "core"]], "one is new and one is gone");
         assert!(renamed(&before, &before).is_empty());
     }
 
     #[test]
-    fn a_file_comes_back_as_it_was_and_damage_is_told() {
+    fn files_round_trip_and_damage_is_reported() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("deep/segments.safetensors");
         let all = three();
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn a_split_makes_room_for_itself_alone() {
+    fn a_split_replaces_only_the_parts_of_an_earlier_split() {
         let mut all = three();
         let pick = |all: &mut Segmentation, name: &str, parent: &str| {
             let origin = Origin::Pick { scale: 0.5, threshold: 0.8 };
@@ -372,8 +372,8 @@ mod tests {
     fn a_segment_keeps_all_but_its_name_when_it_is_renamed() {
         let mut all = three();
         all.rename("red", &Name::new("core").unwrap()).unwrap();
-        let told: Vec<_> = all.segments.iter().map(|s| (s.name.as_str(), s.parent.as_deref())).collect();
-        assert_eq!(told, [("core", None), ("red.1", Some("core")), ("blue", None)]);
+        let parents: Vec<_> = all.segments.iter().map(|s| (s.name.as_str(), s.parent.as_deref())).collect();
+        assert_eq!(parents, [("core", None), ("red.1", Some("core")), ("blue", None)]);
         assert_eq!(all.get("core").unwrap().members, [1, 3, 5]);
         let before = all.clone();
         for (old, new) in [("red", "x"), ("core", "blue"), ("core", "core"), ("blue", DIGEST)] {

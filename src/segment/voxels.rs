@@ -58,7 +58,7 @@ impl Default for Vote {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum VoxelError {
     /// An array is of the wrong length.
-    #[error("{field}: {found} values where {expected} are needed; give every array the same number of Gaussians")]
+    #[error("{field}: {found} values, but {expected} are needed; give every array the same number of Gaussians")]
     Shape {
         /// The array.
         field: &'static str,
@@ -68,7 +68,7 @@ pub enum VoxelError {
         found: usize,
     },
     /// A label does not fit 16 bits.
-    #[error("labels: label {label} of Gaussian {index} is above 65535; number the segments anew")]
+    #[error("labels: label {label} of Gaussian {index} is above 65535; renumber the segments")]
     Label {
         /// The label.
         label: u32,
@@ -76,7 +76,7 @@ pub enum VoxelError {
         index: usize,
     },
     /// The grid has no voxel, or too many, or no size.
-    #[error("grid: {problem}; give at least one voxel an axis, positive spacings and a finite origin")]
+    #[error("grid: {problem}; give at least one voxel per axis, positive spacings and a finite origin")]
     Grid {
         /// What is wrong.
         problem: String,

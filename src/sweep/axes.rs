@@ -60,7 +60,7 @@ pub fn variants(file: &SweepFile, path: &Path) -> Result<Vec<Variant>, SweepErro
                 return Err(bad(&format!("variant {}", i + 1), "the name is empty".into()));
             }
             if file.variant[..i].iter().any(|other| other.name == spec.name) {
-                return Err(bad(&format!("variant {}", i + 1), format!("there are two called \"{}\"", spec.name)));
+                return Err(bad(&format!("variant {}", i + 1), format!("two variants are named \"{}\"", spec.name)));
             }
             let (name, config, seeds) = (spec.name.clone(), spec.config.clone(), spec.seeds.clone());
             named.push(Variant { name, config, settings: flatten(&spec.set), seeds });
@@ -75,7 +75,7 @@ pub fn variants(file: &SweepFile, path: &Path) -> Result<Vec<Variant>, SweepErro
             return Err(bad(&format!("grid.{key}"), "not a list of values".into()));
         };
         if values.is_empty() {
-            return Err(bad(&format!("grid.{key}"), "an empty list leaves no run".into()));
+            return Err(bad(&format!("grid.{key}"), "an empty list gives no runs".into()));
         }
         let with = |variant: &Variant, value: &Value| variant.with(&[(key.clone(), value.clone())], &axes);
         found = found.iter().flat_map(|v| values.iter().map(|value| with(v, value)).collect::<Vec<_>>()).collect();
@@ -104,9 +104,9 @@ pub(super) fn all_seeds(seeds: &[u64], variants: &[Variant]) -> Vec<u64> {
 }
 
 /// Maximum number of entries of a sweep: far more than anybody can train, and planned within minutes.
-const MOST: u128 = 100_000;
+const MAX_ENTRIES: u128 = 100_000;
 /// Bytes for an entry and its run while a sweep is planned: the configuration as text, settings, names.
-const ENTRY: u128 = 16_384;
+const ENTRY_BYTES: u128 = 16_384;
 
 /// Refuses a file with more entries than can be planned, before any is made. `places` is the number of datasets times
 /// that of devices. The error is the key that contributes most, and what is wrong.
@@ -127,10 +127,10 @@ pub(super) fn check_count(
     let sizes: Vec<usize> = factors.iter().map(|(_, n)| (*n).max(1)).collect();
     let entries = product(&sizes);
     let (key, n) = factors.into_iter().max_by_key(|(_, n)| *n).unwrap_or_default();
-    if entries > MOST {
-        return Err((key, format!("{n} of them make {entries} runs in all; a sweep has {MOST} at most")));
+    if entries > MAX_ENTRIES {
+        return Err((key, format!("{n} values make {entries} runs in all; a sweep has at most {MAX_ENTRIES}")));
     }
-    let fits = budget.check(format!("{n} of them make {entries} runs in all"), entries.saturating_mul(ENTRY));
+    let fits = budget.check(format!("{n} values make {entries} runs in all"), entries.saturating_mul(ENTRY_BYTES));
     fits.map_err(|e| (key, e.to_string()))
 }
 
@@ -158,7 +158,7 @@ impl Variant {
 }
 
 /// Maximum end of a range of integers, 2^53: beyond it, not every integer can be represented in double precision.
-const LARGEST: f64 = 9_007_199_254_740_992.0;
+const MAX_INTEGER: f64 = 9_007_199_254_740_992.0;
 
 type Point = Vec<(String, Value)>;
 
@@ -167,12 +167,12 @@ fn samples(spec: &RandomSpec) -> Result<Vec<Point>, (String, String)> {
         return Err(("random".into(), "needs a count of at least 1 and at least one key".into()));
     }
     if spec.method == SampleMethod::Sobol && spec.keys.len() > 256 {
-        return Err(("random.keys".into(), "Sobol points have at most 256 keys; use latin-hypercube".into()));
+        return Err(("random.keys".into(), "Sobol sampling supports at most 256 keys; use latin-hypercube".into()));
     }
     if spec.method == SampleMethod::Sobol && spec.count > 1 << 16 {
         return Err((
             "random.count".into(),
-            format!("{}: Sobol points are at most 65536; use latin-hypercube", spec.count),
+            format!("{}: Sobol sampling supports at most 65536 points; use latin-hypercube", spec.count),
         ));
     }
     for (key, range) in &spec.keys {
@@ -216,13 +216,13 @@ impl RangeSpec {
             return Err(format!("low = {low} is not below high = {high}"));
         }
         if self.log && low <= 0.0 {
-            return Err(format!("log asks for low above 0, not {low}"));
+            return Err(format!("log requires low above 0, not {low}"));
         }
         if self.integer && (low.fract() != 0.0 || high.fract() != 0.0) {
-            return Err("integer asks for whole ends".into());
+            return Err("integer requires low and high to be whole numbers".into());
         }
-        if self.integer && low.abs().max(high.abs()) > LARGEST {
-            return Err(format!("integer asks for ends from {:e} to {LARGEST:e}", -LARGEST));
+        if self.integer && low.abs().max(high.abs()) > MAX_INTEGER {
+            return Err(format!("integer requires low and high from {:e} to {MAX_INTEGER:e}", -MAX_INTEGER));
         }
         Ok(())
     }

@@ -31,21 +31,21 @@ fn named_variants_and_grids_combine() {
 }
 
 #[test]
-fn impossible_axes_are_named() {
+fn invalid_axes_are_named() {
     assert!(error("[grid]\n'a.b' = []").contains("grid.a.b"));
     assert!(error("[grid]\n'a.b' = 3").contains("not a list"));
-    assert!(error("[[variant]]\nname='x'\n[[variant]]\nname='x'").contains("two called \"x\""));
+    assert!(error("[[variant]]\nname='x'\n[[variant]]\nname='x'").contains("two variants are named \"x\""));
     assert!(error("[random]\ncount=3\n[random.keys]\n'a.b' = {low=0, high=1, log=true}").contains("above 0"));
     assert!(error("[random]\ncount=3\n[random.keys]\n'a.b' = {low=2, high=1}").contains("not below"));
     assert!(error("[random]\ncount=3\n[random.keys]\n'a.b' = {low=2}").contains("low and high"));
     let many = |count: &str| format!("[random]\ncount={count}\n[random.keys]\n'a.b' = {{low=0, high=1}}");
-    assert!(error(&many("65537")).contains("Sobol points are at most 65536"));
-    assert!(error(&many("9223372036854775807")).contains("a sweep has 100000 at most"));
+    assert!(error(&many("65537")).contains("Sobol sampling supports at most 65536 points"));
+    assert!(error(&many("9223372036854775807")).contains("a sweep has at most 100000"));
     let ends = |low: &str, high: &str| {
         format!("[random]\ncount=3\n[random.keys]\n'a.b' = {{low={low}, high={high}, integer=true}}")
     };
-    assert!(error(&ends("0", "1e300")).contains("a.b: integer asks for ends from"));
-    assert!(error(&ends("-1e19", "0")).contains("a.b: integer asks for ends from"));
+    assert!(error(&ends("0", "1e300")).contains("a.b: integer requires low and high from"));
+    assert!(error(&ends("-1e19", "0")).contains("a.b: integer requires low and high from"));
     assert!(!names(&ends("-9007199254740992", "9007199254740992")).is_empty());
 }
 
@@ -74,7 +74,7 @@ proptest! {
 }
 
 #[test]
-fn a_latin_hypercube_meets_each_part_once() {
+fn a_latin_hypercube_uses_each_part_once() {
     let text = "[random]\nmethod = 'latin-hypercube'\ncount = 16\n[random.keys]\n'a' = { low = 0, high = 16 }\n\
                 'b' = { low = 0, high = 16 }";
     let found = variants(&file(text), Path::new("s.toml")).unwrap();
@@ -86,11 +86,11 @@ fn a_latin_hypercube_meets_each_part_once() {
 }
 
 #[test]
-fn more_runs_than_can_be_planned_are_refused_before_any_is_made() {
+fn too_many_runs_are_refused_before_any_is_made() {
     let check = |text: &str, seeds, budget| check_count(&file(text), seeds, 2, Budget::of(budget));
     let random = "[random]\ncount = 100000000000\n[random.keys]\n'a' = { low = 0, high = 1 }";
     let (key, problem) = check(random, 1, u64::MAX).unwrap_err();
-    assert!(key == "random.count" && problem.contains("100000000000 of them"), "{key}: {problem}");
+    assert!(key == "random.count" && problem.contains("100000000000 values"), "{key}: {problem}");
     let axes: String = (0..20).map(|k| format!("'k{k}' = [1, 2, 3]\n")).collect();
     let (key, problem) = check(&format!("[grid]\n{axes}"), 1, u64::MAX).unwrap_err();
     assert!(key.starts_with("grid.k") && problem.contains("6973568802 runs"), "{key}: {problem}");

@@ -7,7 +7,7 @@ use super::key::{is_key, key, parts};
 use super::plan::Plan;
 use super::result::{Progress, progress, progress_in, read};
 use crate::files::RunPaths;
-use crate::program::{called, short};
+use crate::program::{build_label, short};
 use crate::train::checkpoint;
 use crate::train::run::RunRecord;
 use std::collections::{BTreeMap, HashMap};
@@ -52,7 +52,7 @@ impl OtherBuilds {
 
     /// Returns replacements for those of `runs` that the plan's build has not finished: the newest key, by run.
     #[must_use]
-    pub fn instead(&self, plan: &Plan, runs: &[usize]) -> BTreeMap<usize, String> {
+    pub fn replacements(&self, plan: &Plan, runs: &[usize]) -> BTreeMap<usize, String> {
         let open = |i: &&usize| progress(plan, **i) != Progress::Done && trained(&plan.run_folder(**i)).is_none();
         runs.iter().filter(open).filter_map(|i| Some((*i, self.of(*i).first()?.clone()))).collect()
     }
@@ -85,7 +85,7 @@ impl Plan {
     }
 
     /// Replaces runs by those with these keys, by run.
-    pub fn put(&mut self, keys: &BTreeMap<usize, String>) {
+    pub fn replace_runs(&mut self, keys: &BTreeMap<usize, String>) {
         for (run, key) in keys {
             self.runs[*run].key.clone_from(key);
         }
@@ -117,21 +117,21 @@ pub fn view(plan: &Plan, any: bool) -> View {
     let mut shown = plan.clone();
     let mut notes = Vec::new();
     if any {
-        shown.put(&newest);
-    } else if let (true, Some(build)) = (none, most(&candidates)) {
+        shown.replace_runs(&newest);
+    } else if let (true, Some(build)) = (none, most_frequent_build(&candidates)) {
         let of_it = |keys: &[&String]| keys.iter().find(|key| parts(key).1 == build).map(|key| (*key).clone());
         let keys: BTreeMap<usize, String> =
             candidates.iter().filter_map(|(i, keys)| Some((*i, of_it(keys)?))).collect();
         notes.push(format!(
-            "no run of {} has ended yet; shown are those of other builds ({})",
-            called(&plan.build),
+            "no run of {} has finished yet; showing those of other builds ({})",
+            build_label(&plan.build),
             tally(keys.values())
         ));
-        shown.put(&keys);
+        shown.replace_runs(&keys);
     } else if !newest.is_empty() {
         let (runs, are) = if newest.len() == 1 { ("run", "is") } else { ("runs", "are") };
         notes.push(format!(
-            "{} {runs} {are} finished by another build ({}) and not shown; --any-build shows them too",
+            "{} {runs} finished by another build ({}) {are} not shown; pass --any-build to include other builds",
             newest.len(),
             tally(newest.values())
         ));
@@ -140,7 +140,7 @@ pub fn view(plan: &Plan, any: bool) -> View {
 }
 
 /// The build that could replace the most runs.
-fn most<'a>(candidates: &[(usize, Vec<&'a String>)]) -> Option<&'a str> {
+fn most_frequent_build<'a>(candidates: &[(usize, Vec<&'a String>)]) -> Option<&'a str> {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     for key in candidates.iter().flat_map(|(_, keys)| keys) {
         *counts.entry(parts(key).1).or_default() += 1;
@@ -152,7 +152,7 @@ fn most<'a>(candidates: &[(usize, Vec<&'a String>)]) -> Option<&'a str> {
 pub fn tally<'a>(keys: impl Iterator<Item = &'a String>) -> String {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     keys.for_each(|key| *counts.entry(parts(key).1).or_default() += 1);
-    counts.iter().map(|(build, n)| format!("{}: {n}", called(build))).collect::<Vec<_>>().join(", ")
+    counts.iter().map(|(build, n)| format!("{}: {n}", build_label(build))).collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn finished_runs_of_other_builds_and_of_before_are_found_the_newest_first() {
+    fn finished_runs_of_other_and_earlier_builds_are_found_newest_first() {
         let dir = tempfile::tempdir().unwrap();
         let mut plan = plan(dir.path());
         assert_eq!(OtherBuilds::find(&plan), OtherBuilds::default());
@@ -222,19 +222,19 @@ mod tests {
         let found = OtherBuilds::find(&plan);
         assert_eq!((found.of(0), found.of(1)), (&[old.clone(), before.clone()][..], &[][..]));
         assert_eq!(tally(found.of(0).iter()), "a build that was not recorded: 1, build aaaaaaaaaaaa: 1");
-        let instead = found.instead(&plan, &[0, 1]);
-        assert_eq!(instead, BTreeMap::from([(0, old.clone())]));
+        let replacements = found.replacements(&plan, &[0, 1]);
+        assert_eq!(replacements, BTreeMap::from([(0, old.clone())]));
         // a run that was taken over keeps its build when another build works on the plan; the plan's other run does not
-        plan.put(&instead);
+        plan.replace_runs(&replacements);
         assert!(plan.hand_over("cccccccccccccccc"));
         assert_eq!((&plan.runs[0].key, parts(&plan.runs[1].key).1), (&old, "cccccccccccc"));
         // a run that the plan's own build has trained needs no replacement
         train(&plan, &plan.runs[0].key);
-        assert!(OtherBuilds::find(&plan).instead(&plan, &[0, 1]).is_empty());
+        assert!(OtherBuilds::find(&plan).replacements(&plan, &[0, 1]).is_empty());
     }
 
     #[test]
-    fn a_table_shows_one_build_unless_told_to_mix() {
+    fn a_table_shows_one_build_unless_any_is_requested() {
         let dir = tempfile::tempdir().unwrap();
         let plan = plan(dir.path());
         let shown = |any: bool| {
@@ -251,7 +251,7 @@ mod tests {
         let (psnr, notes, builds) = shown(false);
         assert_eq!(psnr, [Some(20.0), Some(21.0)]);
         assert!(
-            notes.contains("no run of build bbbbbbbbbbbb has ended") && notes.contains("aaaaaaaaaaaa: 2"),
+            notes.contains("no run of build bbbbbbbbbbbb has finished") && notes.contains("aaaaaaaaaaaa: 2"),
             "{notes}"
         );
         assert!(builds.contains("aaaaaaaaaaaa"), "{builds}");
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_that_fails_in_this_build_is_not_hidden_by_one_that_another_finished() {
+    fn a_failed_run_of_this_build_is_not_replaced_by_another_build() {
         let dir = tempfile::tempdir().unwrap();
         let plan = plan(dir.path());
         measure(&plan, &of(&plan, 0, A), 20.0);
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn what_another_build_stopped_by_halving_stays_noted() {
+    fn runs_that_another_build_stopped_by_halving_stay_recorded() {
         let dir = tempfile::tempdir().unwrap();
         let mut plan = plan(dir.path());
         let stop = |plan: &Plan, run: usize, step| {

@@ -27,16 +27,16 @@ pub(super) fn check_lists(file: &SweepFile, seeds: &[u64], path: &Path, elsewher
             name.open().map_err(|e| bad("devices", e.to_string()))?;
         }
         if file.devices[..i].contains(device) {
-            return Err(bad("devices", format!("{device} stands there twice")));
+            return Err(bad("devices", format!("{device} is listed twice")));
         }
     }
     for weights in &file.eval.lpips_weights {
         if !weights.is_file() {
-            return Err(bad("eval.lpips_weights", format!("{}: there is no such file", weights.display())));
+            return Err(bad("eval.lpips_weights", format!("{}: file not found", weights.display())));
         }
     }
     if file.eval.views == Some(0) {
-        return Err(bad("eval.views", "0 leaves no view; leave it out for all".into()));
+        return Err(bad("eval.views", "must be at least 1; omit the key to use all views".into()));
     }
     Ok(())
 }
@@ -44,12 +44,12 @@ pub(super) fn check_lists(file: &SweepFile, seeds: &[u64], path: &Path, elsewher
 /// Refuses an empty list of seeds, and duplicates.
 fn check_seeds(seeds: &[u64]) -> Result<(), String> {
     if seeds.is_empty() {
-        return Err("an empty list leaves no run; leave the key out for seed 0".into());
+        return Err("an empty list gives no runs; omit the key to use seed 0".into());
     }
     let mut met = HashSet::new();
     match seeds.iter().find(|seed| !met.insert(**seed)) {
         None => Ok(()),
-        Some(seed) => Err(format!("{seed} stands there twice")),
+        Some(seed) => Err(format!("{seed} is listed twice")),
     }
 }
 
@@ -66,7 +66,7 @@ pub(super) fn check_seed_keys(file: &SweepFile, options: &PlanOptions) -> Result
         None => Ok(()),
         Some((key, value)) => {
             let list = if value.starts_with('[') { value } else { format!("[{}]", value.trim_start_matches('-')) };
-            Err((key, format!("seeds are an axis of their own; write seeds = {list} at the top of the file")))
+            Err((key, format!("seeds are a separate axis; write seeds = {list} at the top of the file")))
         }
     }
 }
@@ -79,7 +79,7 @@ pub(super) fn baseline(file: &SweepFile, variants: &[Variant]) -> Result<String,
         Some(name) if variants.iter().any(|v| v.name == *name) => Ok(name.clone()),
         Some(name) => {
             let names: Vec<&str> = variants.iter().map(|v| v.name.as_str()).collect();
-            Err(format!("there is no variant \"{name}\"; there is {}", names.join(", ")))
+            Err(format!("no variant is named \"{name}\"; available: {}", names.join(", ")))
         }
     }
 }
@@ -95,7 +95,7 @@ pub(super) fn check_paper(file: &SweepFile, variants: &[Variant]) -> Result<(), 
         None => Ok(()),
         Some(row) => {
             let names: Vec<&str> = variants.iter().map(|v| v.name.as_str()).collect();
-            Err((format!("paper.rows.\"{row}\""), format!("there is no such variant; there is {}", names.join(", "))))
+            Err((format!("paper.rows.\"{row}\""), format!("no variant has this name; available: {}", names.join(", "))))
         }
     }
 }
@@ -106,7 +106,7 @@ pub(super) fn check_halving(halving: &HalvingSpec, plan: &Plan) -> Result<(), St
         return Err(format!("keep = {} is not between 0 and 1", halving.keep));
     }
     if halving.rungs.is_empty() || !halving.rungs.windows(2).all(|w| w[0] < w[1]) {
-        return Err("rungs must rise, and there must be one".into());
+        return Err("rungs must be ascending, and at least one is needed".into());
     }
     for run in &plan.runs {
         let config: Config = toml::from_str(&run.config).map_err(|e| e.to_string())?;
@@ -126,19 +126,22 @@ pub(super) fn check_halving(halving: &HalvingSpec, plan: &Plan) -> Result<(), St
 pub(super) fn check_plan(plan: &Plan) -> Result<(), String> {
     for (i, run) in plan.runs.iter().enumerate() {
         if !is_key(&run.key) {
-            return Err(format!("runs[{i}].key: \"{}\" is no hash", run.key));
+            return Err(format!("runs[{i}].key: \"{}\" is not a hash", run.key));
         }
         if !plan.datasets.contains_key(&run.dataset) {
-            return Err(format!("runs[{i}].dataset: there is no dataset \"{}\"", run.dataset));
+            return Err(format!("runs[{i}].dataset: unknown dataset \"{}\"", run.dataset));
         }
         check_toml(&run.config).map_err(|e| format!("runs[{i}].config: {e}"))?;
     }
     for (i, entry) in plan.entries.iter().enumerate() {
         let Some(run) = plan.runs.get(entry.run) else {
-            return Err(format!("entries[{i}].run is {}, there are {} runs", entry.run, plan.runs.len()));
+            return Err(format!("entries[{i}].run is {}, but there are {} runs", entry.run, plan.runs.len()));
         };
         if let Some(at) = entry.segments.filter(|at| *at >= run.segments.len()) {
-            return Err(format!("entries[{i}].segments is {at}, its run has {}", run.segments.len()));
+            return Err(format!(
+                "entries[{i}].segments is {at}, but its run has {} measurements of segments",
+                run.segments.len()
+            ));
         }
     }
     Ok(())

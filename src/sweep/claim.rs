@@ -21,7 +21,7 @@ const BEAT: Duration = Duration::from_secs(15);
 const DEAD: Duration = Duration::from_secs(150);
 
 /// Highest number of a claim; a run is not taken over more often, so a file with a higher number is not a claim.
-const MOST: u32 = 999_999;
+const MAX_NUMBER: u32 = 999_999;
 
 /// Who holds a run, as recorded in the claim file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -101,9 +101,12 @@ pub fn claim(folder: &Path) -> io::Result<Claimed> {
             },
         };
         if free {
-            if number == MOST {
+            if number == MAX_NUMBER {
                 let path = claim_path(folder, number);
-                return Err(io::Error::other(format!("{}: no claim can follow; remove this file", path.display())));
+                return Err(io::Error::other(format!(
+                    "{}: claim numbers are used up; remove this file",
+                    path.display()
+                )));
             }
             if let Some(claim) = take(folder, number + 1, &me)? {
                 return Ok(Claimed::Mine(claim));
@@ -138,7 +141,9 @@ fn numbers(folder: &Path) -> io::Result<Vec<u32>> {
     for entry in fs::read_dir(folder)? {
         let name = entry?.file_name();
         let number = name.to_str().and_then(|n| n.strip_prefix("claim-")).and_then(|n| n.parse::<u32>().ok());
-        found.extend(number.filter(|n| (1..=MOST).contains(n) && claim_path(Path::new(""), *n) == Path::new(&name)));
+        found.extend(
+            number.filter(|n| (1..=MAX_NUMBER).contains(n) && claim_path(Path::new(""), *n) == Path::new(&name)),
+        );
     }
     Ok(found)
 }
@@ -170,7 +175,7 @@ fn take(folder: &Path, number: u32, me: &Holder) -> io::Result<Option<Claim>> {
     let heart = std::thread::Builder::new().name("claim".into()).spawn(move || {
         while stopped.recv_timeout(BEAT) == Err(RecvTimeoutError::Timeout) {
             if matches!(newest(&folder), Ok(Some((n, _))) if n > number) {
-                errln!("another process took this run over, as this one was not heard of; ending");
+                errln!("another process took over this run, as no heartbeat of this one arrived; exiting");
                 std::process::exit(75);
             }
             beating.beat += 1;
@@ -248,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn one_of_many_has_it_and_the_next_gets_it_when_it_lets_go() {
+    fn one_of_many_gets_the_claim_and_the_next_one_after_its_release() {
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path().join("run");
         let got: Vec<Claimed> = std::thread::scope(|s| {
@@ -276,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_no_claim_has_are_left_alone() {
+    fn files_with_invalid_claim_numbers_are_ignored() {
         let dir = tempfile::tempdir().unwrap();
         let others = ["claim-4294967295", "claim-1000000", "claim-0000", "claim-+007", "claim-9"];
         for name in others {
@@ -285,18 +290,18 @@ mod tests {
         assert!(holder(dir.path()).is_none());
         let mut dead = Holder::me();
         dead.born += 1;
-        dead.write(&claim_path(dir.path(), MOST - 1)).unwrap();
+        dead.write(&claim_path(dir.path(), MAX_NUMBER - 1)).unwrap();
         // at once, though all numbers below are free
         let last = mine(claim(dir.path()));
-        assert_eq!(last.path, claim_path(dir.path(), MOST));
-        assert!(!claim_path(dir.path(), MOST - 1).exists());
+        assert_eq!(last.path, claim_path(dir.path(), MAX_NUMBER));
+        assert!(!claim_path(dir.path(), MAX_NUMBER - 1).exists());
         assert!(others.iter().all(|name| dir.path().join(name).exists()));
         drop(last);
         assert!(claim(dir.path()).unwrap_err().to_string().contains("claim-999999"));
     }
 
     #[test]
-    fn a_task_that_was_requeued_on_another_machine_goes_on_at_once() {
+    fn a_task_requeued_on_another_machine_continues_at_once() {
         let (mut before, mut now) = (Holder::me(), Holder::me());
         before.host = "other".into();
         assert_eq!(before.is_gone(&now), None);
@@ -310,7 +315,7 @@ mod tests {
     }
 
     #[test]
-    fn a_holder_elsewhere_that_beats_is_alive() {
+    fn a_remote_holder_with_a_heartbeat_is_alive() {
         let dir = tempfile::tempdir().unwrap();
         let mut other = Holder::me();
         other.place = "elsewhere".into();

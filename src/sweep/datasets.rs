@@ -67,7 +67,7 @@ pub(super) fn datasets(
         }
     }
     if sources.is_empty() {
-        let problem = "there is no dataset; add [data] with NAME = \"FOLDER\", or give --data FOLDER".to_owned();
+        let problem = "no dataset is given; add [data] with NAME = \"FOLDER\", or pass --data FOLDER".to_owned();
         return Err(SweepError::Key { path: path.to_owned(), key: "data".into(), problem });
     }
     let plan = |(name, source): (String, DataSource)| {
@@ -119,10 +119,12 @@ pub(super) fn check_truth(data: &BTreeMap<String, DataPlan>, path: &Path) -> Res
         let bad = |problem: String| SweepError::Key { path: path.to_owned(), key: format!("data.{name}"), problem };
         match &data.source {
             DataSource::Folder(folder) => {
-                Truth::read(folder).map_err(|e| bad(format!("segments are to be measured, but are not known: {e}")))?;
+                Truth::read(folder).map_err(|e| {
+                    bad(format!("segments are to be measured, but their ground truth cannot be read: {e}"))
+                })?;
             }
             DataSource::Synthetic(spec) if !spec.segments => {
-                return Err(bad("segments are to be measured: add segments = true".into()));
+                return Err(bad("segments are to be measured; add segments = true".into()));
             }
             DataSource::Synthetic(_) => {}
         }

@@ -127,10 +127,14 @@ impl std::fmt::Display for Drift {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match (self.largest, self.relative) {
             (Some(largest), Some(relative)) if largest > 0.0 => {
-                write!(f, "largest difference {largest:.2e} ({relative:.1e} of the largest) in {}", self.parameter)
+                write!(
+                    f,
+                    "largest difference {largest:.2e} ({relative:.1e} of the largest value) in {}",
+                    self.parameter
+                )
             }
-            (Some(_), _) => f.write_str("the same bits"),
-            _ => write!(f, "another number of Gaussians ({})", self.parameter),
+            (Some(_), _) => f.write_str("bit-identical"),
+            _ => write!(f, "different numbers of Gaussians ({})", self.parameter),
         }
     }
 }
@@ -141,11 +145,11 @@ mod tests {
     use crate::model::params::HostTensor;
 
     #[test]
-    fn a_number_that_is_none_on_one_device_is_no_equal_bits() {
+    fn nan_on_one_device_only_is_an_infinite_difference() {
         let of = |values: [f32; 2]| {
             Tensors::from([("means".to_owned(), HostTensor { shape: vec![2], values: values.into() })])
         };
-        assert_eq!(drift(1, &of([1.0, f32::NAN]), &of([1.0, f32::NAN])).to_string(), "the same bits");
+        assert_eq!(drift(1, &of([1.0, f32::NAN]), &of([1.0, f32::NAN])).to_string(), "bit-identical");
         let apart = drift(1, &of([1.0, 2.0]), &of([1.0, f32::NAN]));
         assert_eq!(apart.largest, Some(f64::INFINITY));
         assert!(apart.to_string().contains("means"), "{apart}");

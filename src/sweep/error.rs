@@ -32,7 +32,7 @@ pub enum SweepError {
         reason: String,
     },
     /// The sweep was stopped; the same command continues it.
-    #[error("interrupted; the same command goes on from here")]
+    #[error("interrupted; run the same command again to resume")]
     Interrupted,
     /// An input that cannot be used, such as a dataset that does not fit into memory.
     #[error("{0}")]

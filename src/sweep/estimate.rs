@@ -94,13 +94,13 @@ pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
         + (views + measured) * pixels * PER_PIXEL_READ
         + (measured + live) * (PER_VIEW + of.view + pixels * PER_PIXEL)
         + measured * pixels * (PER_PIXEL_VIEW + lpips * PER_PIXEL_LPIPS);
-    let most = match config.output.max_minutes {
+    let max_cpu_seconds = match config.output.max_minutes {
         0.0 => f64::INFINITY,
         minutes => 60.0 * minutes * cores() * BUSY,
     };
     // images as bytes; the program itself
     let memory = of.memory + views * pixels * 4.0 + 1.5e8;
-    Cost { cpu_seconds: of.cpu_seconds.min(most), around, memory }
+    Cost { cpu_seconds: of.cpu_seconds.min(max_cpu_seconds), around, memory }
 }
 
 /// The part of the cost that depends on the method.
@@ -123,9 +123,9 @@ fn of_network(steps: f64, work: Work, pixels: f64) -> Share {
 }
 
 fn of_gaussians(config: &Config, pixels: f64) -> Share {
-    let most = config.densify.budget.max(config.densify.warmup_budget);
-    let growing = most > config.init.points;
-    let end = most.max(config.init.points) as f64;
+    let max_gaussians = config.densify.budget.max(config.densify.warmup_budget);
+    let growing = max_gaussians > config.init.points;
+    let end = max_gaussians.max(config.init.points) as f64;
     let n = if growing { 0.5 * (config.init.points as f64 + end) + 0.2 * end } else { end }.min(end);
     let (warm, joint) = (config.stages.warmup_steps as f64, config.stages.joint_steps as f64);
     let registered = if config.model.encoder == EncoderKind::Extra { REGISTERED } else { 1.0 };
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn gaussians_in_time_take_longer_than_still_ones_and_no_encoder() {
+    fn fourdgs_costs_more_than_static_gaussians_and_has_no_encoder() {
         let plan = plan("[0]", 5);
         let data = plan.datasets.values().next().unwrap();
         let preset = crate::config::layers::Layers::new(crate::config::PRESETS).source("4dgs-small");
@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn methods_that_are_networks_take_what_their_products_take_and_no_longer_than_they_may() {
+    fn network_methods_cost_their_products_up_to_the_time_limit() {
         let plan = plan("[0]", 5);
         let data = plan.datasets.values().next().unwrap();
         let of = |name: &str, edit: fn(&mut Config)| {
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn short_runs_take_their_start_their_evaluation_and_the_report() {
+    fn short_runs_include_start_evaluation_and_report() {
         let cores = cores();
         let (one, four) = (seconds(&plan("[0]", 5)), seconds(&plan("[0, 1, 2, 3]", 5)));
         assert!(one > REPORT + START / cores, "{one}");

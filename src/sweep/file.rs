@@ -242,7 +242,7 @@ impl SweepFile {
                     spec.check().map_err(bad)?;
                     DataSource::Synthetic(spec)
                 }
-                _ => return Err(bad("neither a folder (text) nor a table such as { synthetic = \"jets\" }".into())),
+                _ => return Err(bad("expected a folder (text) or a table such as { synthetic = \"jets\" }".into())),
             };
             // the folder of a rendered scene is named after it
             let name = Name::new(name.as_str()).map_err(|e| bad(e.to_string()))?;
@@ -267,7 +267,7 @@ impl SyntheticSpec {
     /// A message about the first invalid key.
     pub fn check(&self) -> Result<(), String> {
         let images = self.times.saturating_mul(self.views);
-        for (key, value, least, most) in [
+        for (key, value, min, max) in [
             ("size", self.size as usize, 8, 16_384),
             ("times", self.times, 1, 100_000),
             ("views", self.views, 1, 100_000),
@@ -276,12 +276,12 @@ impl SyntheticSpec {
             ("voxels", self.voxels(), 2, 4096),
             ("segment_views", self.segment_views.unwrap_or(1), 1, self.test_views),
         ] {
-            if !(least..=most).contains(&value) {
-                return Err(format!("{key} = {value}: from {least} to {most}"));
+            if !(min..=max).contains(&value) {
+                return Err(format!("{key} = {value}: must be from {min} to {max}"));
             }
         }
         if self.segment_views.is_some() && !self.segments {
-            return Err("segment_views without segments = true: no segment is rendered".to_owned());
+            return Err("segment_views needs segments = true; otherwise no segment is rendered".to_owned());
         }
         self.shading.check().map_err(|e| format!("shading.{e}"))
     }
@@ -294,14 +294,14 @@ impl SyntheticSpec {
 }
 
 /// Maximum length of the name of a sweep's folder, in bytes.
-const LONGEST: usize = 80;
+const MAX_NAME_BYTES: usize = 80;
 
 /// The file's name without its extension, as a [`Name`] of a folder.
 #[must_use]
 pub fn name_of(path: &Path) -> String {
     let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     let fits = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '-' };
-    let name: String = stem.chars().map(fits).take(LONGEST).collect();
+    let name: String = stem.chars().map(fits).take(MAX_NAME_BYTES).collect();
     match name.trim_start_matches(['.', '-']) {
         "" => "sweep".to_owned(),
         // the folders of the runs and datasets of all sweeps
@@ -322,7 +322,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_name_of_a_sweep_is_a_name_of_one_folder_of_its_own() {
+    fn sweep_names_are_valid_and_not_reserved() {
         let long = format!("{}.toml", "x".repeat(300));
         for path in ["a b.toml", "...toml", "-x.toml", ".toml", "runs.toml", "datasets.toml", "\u{e9}.toml", &long] {
             let name = name_of(Path::new(path));

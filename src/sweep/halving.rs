@@ -36,8 +36,8 @@ pub fn survivors(plan: &Plan, runs: &[usize], rung: usize, keep: f64) -> Vec<usi
         let count = ((field.len() as f64 * keep).ceil() as usize).clamp(1, field.len());
         on.extend(field[..count].iter().map(|(_, variant)| (*variant, dataset, device)));
     }
-    let goes_on = |run: &usize| plan.entries.iter().any(|e| e.run == *run && on.contains(&group(plan, e)));
-    runs.iter().copied().filter(goes_on).collect()
+    let continues = |run: &usize| plan.entries.iter().any(|e| e.run == *run && on.contains(&group(plan, e)));
+    runs.iter().copied().filter(continues).collect()
 }
 
 fn group<'a>(plan: &'a Plan, entry: &'a Entry) -> Group<'a> {

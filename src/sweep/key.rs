@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn a_key_is_taken_apart_as_it_was_made() {
+    fn keys_split_into_recipe_and_build() {
         let build = "0123456789abcdef0123456789abcdef";
         let made = key("00112233aabbccdd", build);
         assert_eq!(made, "00112233aabbccdd-0123456789ab");

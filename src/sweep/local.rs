@@ -85,16 +85,16 @@ pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tal
                 }
             }
             // with those not chosen that have come as far before: a run must not be the best of itself alone
-            let came = |i: &usize| progress(plan, *i) == Progress::Done || steps_done(&plan.run_folder(*i)) >= rung;
+            let reached = |i: &usize| progress(plan, *i) == Progress::Done || steps_done(&plan.run_folder(*i)) >= rung;
             let field: Vec<usize> =
-                (0..plan.runs.len()).filter(|i| runs.contains(i) || !options.runs.contains(i) && came(i)).collect();
-            let on = halving::survivors(plan, &field, rung, spec.keep);
+                (0..plan.runs.len()).filter(|i| runs.contains(i) || !options.runs.contains(i) && reached(i)).collect();
+            let kept = halving::survivors(plan, &field, rung, spec.keep);
             let failed = |run: &usize| matches!(progress(plan, *run), Progress::Failed(_));
-            let (lost, off): (Vec<usize>, Vec<usize>) =
-                runs.iter().copied().filter(|run| !on.contains(run)).partition(failed);
+            let (lost, dropped): (Vec<usize>, Vec<usize>) =
+                runs.iter().copied().filter(|run| !kept.contains(run)).partition(failed);
             failed_before_end += lost.len();
-            stopped.extend(off.into_iter().map(|run| (plan.runs[run].key.clone(), rung)));
-            runs.retain(|run| on.contains(run));
+            stopped.extend(dropped.into_iter().map(|run| (plan.runs[run].key.clone(), rung)));
+            runs.retain(|run| kept.contains(run));
             halving::save(&options.dir, plan, &options.runs, &stopped)?;
         }
         tally.stopped = stopped.len();
@@ -105,7 +105,7 @@ pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tal
     let open: Vec<usize> = runs.iter().copied().filter(|i| progress(plan, *i) == Progress::Open).collect();
     tally.failed = runs.len() - tally.before - open.len();
     if tally.before + tally.failed > 0 {
-        errln!("{} of {} runs are done before, {} failed before", tally.before, runs.len(), tally.failed);
+        errln!("{} of {} runs are already done, {} failed before", tally.before, runs.len(), tally.failed);
     }
     tally.failed += failed_before_end;
     Pool::new(plan, options, None, stop).all(&open, &mut tally)?;
@@ -175,7 +175,10 @@ impl<'a> Pool<'a> {
                         job.line.finish_and_clear();
                         if !said_held.contains(&job.index) {
                             said_held.push(job.index);
-                            self.say(&format!("{}: another process has it; waiting", self.plan.runs[job.index].label));
+                            self.say(&format!(
+                                "{}: another process holds it; waiting",
+                                self.plan.runs[job.index].label
+                            ));
                         }
                         held.push((job.index, Instant::now()));
                     }
@@ -270,7 +273,7 @@ impl<'a> Pool<'a> {
         match (status.code(), read::<Failure>(&failure_path(&folder))) {
             (Some(code), _) if code == i32::from(INTERRUPTED) => {
                 tally.died += 1;
-                self.say(&format!("{head}, interrupted; goes on at the next call"));
+                self.say(&format!("{head}, interrupted; resumes at the next call"));
             }
             (Some(_), Some(failure)) => {
                 tally.failed += 1;
@@ -284,13 +287,13 @@ impl<'a> Pool<'a> {
                 // the run's folder may be the problem; the others go on
                 let noted = std::fs::create_dir_all(&folder).is_ok() && write(&failure_path(&folder), &failure).is_ok();
                 if !noted {
-                    self.say(&format!("{}: the failure cannot be noted there", folder.display()));
+                    self.say(&format!("{}: the failure cannot be recorded there", folder.display()));
                 }
                 self.say(&format!("{head}, FAILED: {error}; see {}", log.display()));
             }
             (None, _) => {
                 tally.died += 1;
-                self.say(&format!("{head}, DIED of {status} (out of memory?); goes on at the next call"));
+                self.say(&format!("{head}, DIED ({status}; out of memory?); resumes at the next call"));
             }
         }
     }

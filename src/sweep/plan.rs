@@ -150,7 +150,7 @@ impl Plan {
             .find(|m| metric(m).is_none() && !crate::eval::metric::registered().iter().any(|(name, _)| name == *m))
         {
             let known: Vec<&str> = crate::compare::metric::METRICS.iter().map(|m| m.id).collect();
-            return Err(bad("metrics", format!("there is no \"{unknown}\"; there is {}", known.join(", "))));
+            return Err(bad("metrics", format!("unknown metric \"{unknown}\"; available: {}", known.join(", "))));
         }
         let mut plan = Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -246,7 +246,7 @@ impl Plan {
         if let Some(twin) = placed.entries.insert((index, segments), self.entries.len()) {
             let twin = &self.entries[twin];
             return Err(format!(
-                "the same configuration as \"{}\" (seed {}); duplicates are left out of a sweep, so remove one",
+                "the same configuration as \"{}\" (seed {}); a sweep cannot have duplicates, so remove one",
                 twin.variant, twin.seed
             ));
         }
@@ -300,7 +300,7 @@ impl Plan {
         let plan = serde_json::from_str(&text)
             .map_err(|e| e.to_string())
             .and_then(|plan: Self| check_plan(&plan).map(|()| plan))
-            .map_err(|e| SweepError::io(&path, format!("{e}; plan again by `volseggs sweep FILE`")))?;
+            .map_err(|e| SweepError::io(&path, format!("{e}; plan again with `volseggs sweep FILE`")))?;
         // the path `.` has no parent
         let whole = std::fs::canonicalize(dir).map_err(|e| SweepError::io(dir, e))?;
         let runs_folder = whole.parent().map(|out| out.join("runs")).unwrap_or_default();

@@ -68,12 +68,12 @@ fn a_variant_may_start_from_a_configuration_of_its_own() {
     assert_eq!((config(0).init.points, config(1).init.points, plan.runs[1].steps), (30_000, 70, 3000));
     assert_eq!(plan.entries[1].settings["config"], "d3dgs-small");
     assert!(!plan.entries[0].settings.contains_key("config"));
-    let told = error(&format!("[[variant]]\nname = 'x'\nconfig = 'no-such-preset'\n{DATA}"));
-    assert!(told.contains("variant \"x\"") && told.contains("no-such-preset"), "{told}");
+    let message = error(&format!("[[variant]]\nname = 'x'\nconfig = 'no-such-preset'\n{DATA}"));
+    assert!(message.contains("variant \"x\"") && message.contains("no-such-preset"), "{message}");
 }
 
 #[test]
-fn what_would_not_run_is_an_error_that_names_it() {
+fn invalid_sweeps_are_errors_that_name_the_cause() {
     let with = |more: &str| error(&format!("{more}\n{DATA}"));
     for (text, part) in [
         ("[[variant]]\nname = 'x'\nset = { 'loss.knid' = 'l1' }", "variant \"x\""),
@@ -85,33 +85,33 @@ fn what_would_not_run_is_an_error_that_names_it() {
         ("seeds = [1, 1]", "twice"),
         ("seeds = []", "seeds: an empty list"),
         ("[[variant]]\nname = 'x'\nseeds = []", "variant \"x\": seeds: an empty list"),
-        ("[[variant]]\nname = 'x'\nseeds = [3, 3]", "variant \"x\": seeds: 3 stands there twice"),
+        ("[[variant]]\nname = 'x'\nseeds = [3, 3]", "variant \"x\": seeds: 3 is listed twice"),
         ("seeds = [-4]", "expected a whole number, 0 or above, not -4"),
-        ("set = { seed = -4 }", "set.seed: seeds are an axis of their own; write seeds = [4]"),
+        ("set = { seed = -4 }", "set.seed: seeds are a separate axis; write seeds = [4]"),
         ("[[variant]]\nname = 'x'\nset = { seed = 3 }", "variant \"x\": set.seed"),
-        ("[grid]\nseed = [1, 2]", "grid.seed: seeds are an axis of their own; write seeds = [1, 2]"),
+        ("[grid]\nseed = [1, 2]", "grid.seed: seeds are a separate axis; write seeds = [1, 2]"),
         ("[random]\ncount = 100000000000\n[random.keys]\n'loss.tv' = { low = 0, high = 1 }", "random.count"),
         ("metrics = ['psnrr']", "psnrr"),
         ("baseline = 'nobody'", "nobody"),
         ("sedes = [1]", "sedes"),
         ("config = 'no-such-preset'", "no-such-preset"),
-        ("[halving]\nrungs = [900, 300]", "rise"),
+        ("[halving]\nrungs = [900, 300]", "ascending"),
         ("[halving]\nrungs = [300]\nkeep = 2", "keep"),
         ("set = { 'output.eval_every' = 0 }\n[halving]\nrungs = [300]", "eval_every"),
         ("[eval]\nviews = 0", "eval.views"),
         ("[eval]\nlpips_weights = ['nothing.safetensors']", "nothing.safetensors"),
         ("[segments]\nmethod = 'guess'", "guess"),
-        ("[segments]\nviews = 99999999999", "segments.views = 99999999999: at most 100000"),
+        ("[segments]\nviews = 99999999999", "segments.views = 99999999999: must be at most 100000"),
         ("[segments]\nclusters = 0", "segments.clusters = 0"),
         ("[segments]\nmargin = 1e300", "segments.margin"),
         ("[segments]\nveiws = 3", "veiws"),
-        ("[segments]\nmasks = 'guess'", "regions, labels, dir and sam"),
+        ("[segments]\nmasks = 'guess'", "regions, labels, dir, sam"),
         ("[segments]\nmasks = 'dir'", "segments.mask_dir"),
-        ("[segments]\nmasks = 'dir'\nmask_dir = 'no-such-masks'", "no-such-masks: there is no such"),
-        ("[segments]\nmask_dir = '.'", "segments.mask_dir: is for masks = \"dir\""),
+        ("[segments]\nmasks = 'dir'\nmask_dir = 'no-such-masks'", "no-such-masks: no such"),
+        ("[segments]\nmask_dir = '.'", "segments.mask_dir: applies to masks = \"dir\""),
         ("[segments]\nmasks = 'sam'\nsam_weights = 'no-such-weights'", "no-such-weights"),
         ("[segments]\npixels = 0", "segments.pixels"),
-        ("[segments]\npixels = 20000", "segments.pixels = 20000: at most 16384"),
+        ("[segments]\npixels = 20000", "segments.pixels = 20000: must be at most 16384"),
         ("[segments]\nmask_scale = 'large'", "segments.mask_scale"),
         ("[segments]\nscore = ['pair']", "segments.score"),
         ("set = { 'data.downscale' = 3 }", "downscale"),
@@ -127,19 +127,19 @@ fn what_would_not_run_is_an_error_that_names_it() {
         let said = error(&format!("[data]\n'{name}' = {{ synthetic = 'jets' }}"));
         assert!(said.contains("cannot be a name") && said.contains("my sweep.toml: data."), "{said}");
     }
-    for (key, said) in [
-        ("size = 4000000000", "size = 4000000000: from 8 to 16384"),
-        ("times = 9223372036854775807", "times = 9223372036854775807: from 1"),
+    for (key, expected) in [
+        ("size = 4000000000", "size = 4000000000: must be from 8 to 16384"),
+        ("times = 9223372036854775807", "times = 9223372036854775807: must be from 1"),
         ("times = 90000, views = 90000", "times * views = 8100000000"),
-        ("voxels = 100000", "voxels = 100000: from 2 to 4096"),
+        ("voxels = 100000", "voxels = 100000: must be from 2 to 4096"),
         ("views = 0", "views = 0"),
-        ("segment_views = 3", "without segments = true"),
-        ("segments = true, test_views = 4, segment_views = 5", "segment_views = 5: from 1 to 4"),
-        ("shading = { ambient = -1.0 }", "shading.ambient = -1: a number from 0"),
+        ("segment_views = 3", "segment_views needs segments = true"),
+        ("segments = true, test_views = 4, segment_views = 5", "segment_views = 5: must be from 1 to 4"),
+        ("shading = { ambient = -1.0 }", "shading.ambient = -1: must be finite and at least 0"),
         ("shading = { shininess = 3.0 }", "shininess"),
     ] {
-        let told = error(&format!("[data]\nx = {{ synthetic = 'jets', {key} }}"));
-        assert!(told.contains("data.x") && told.contains(said), "{told}");
+        let message = error(&format!("[data]\nx = {{ synthetic = 'jets', {key} }}"));
+        assert!(message.contains("data.x") && message.contains(expected), "{message}");
     }
     assert!(error("title = 'no data'").contains("--data"));
     let data = vec!["/one/data".into(), "/two/data".into()];
@@ -148,7 +148,7 @@ fn what_would_not_run_is_an_error_that_names_it() {
 }
 
 #[test]
-fn duplicates_are_told_but_runs_are_shared_between_ways_of_measuring() {
+fn duplicates_are_refused_but_measurements_share_runs() {
     let twins = format!(
         "config = 'demo'\n[[variant]]\nname = 'a'\n[[variant]]\nname = 'b'\nset = {{ 'loss.dssim' = 0.0 }}\n{DATA}"
     );
@@ -189,7 +189,7 @@ fn a_key_changes_with_what_changes_the_result_and_with_nothing_else() {
 }
 
 #[test]
-fn a_plan_is_read_back_and_finds_its_runs_wherever_it_lies() {
+fn a_saved_plan_loads_and_finds_its_runs() {
     let dir = tempfile::tempdir().unwrap();
     let text = format!("config = 'demo'\n{DATA}");
     let options = PlanOptions { out: dir.path().to_owned(), ..PlanOptions::default() };
@@ -263,7 +263,7 @@ fn every_sweep_file_of_the_repository_can_be_planned() {
 }
 
 #[test]
-fn other_test_views_or_another_truth_are_measured_again_by_the_same_run() {
+fn changed_test_views_or_ground_truth_are_measured_again_without_training() {
     let data = crate::data::dataset::tests::dataset(4, 8);
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("one.toml");

@@ -27,8 +27,8 @@ pub struct Measured<T> {
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum MeasuredFile<T> {
-    Now(Measured<T>),
-    Before(T),
+    Current(Measured<T>),
+    Legacy(T),
 }
 
 /// `failed.json`: why a run failed.
@@ -105,8 +105,8 @@ pub fn read_segments(path: &Path) -> Option<Measured<BTreeMap<String, Metrics>>>
 
 fn read_measured<T: DeserializeOwned>(path: &Path) -> Option<Measured<T>> {
     Some(match read(path)? {
-        MeasuredFile::Now(measured) => measured,
-        MeasuredFile::Before(metrics) => Measured { build: String::new(), metrics },
+        MeasuredFile::Current(measured) => measured,
+        MeasuredFile::Legacy(metrics) => Measured { build: String::new(), metrics },
     })
 }
 
@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn metrics_of_before_are_read_with_the_names_of_now() {
+    fn legacy_metrics_are_read_with_current_names() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("metrics-00.json");
         std::fs::write(&path, r#"{"fps": 20.5, "model_mb": 1.048576, "psnr": 27.0}"#).unwrap();

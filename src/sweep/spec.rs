@@ -12,12 +12,12 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Maximum numbers of views with masks and of colours, above any reasonable need; with more, memory would run out.
-const MOST_VIEWS: usize = 100_000;
-const MOST_COLOURS: usize = 10_000;
+const MAX_VIEWS: usize = 100_000;
+const MAX_COLOURS: usize = 10_000;
 /// Maximum numbers of pixels per step, which is how many are kept of a view, and of points along a side of the grid
 /// that a network is asked at.
-const MOST_PIXELS: usize = 16_384;
-const MOST_POINTS: usize = 1000;
+const MAX_PIXELS: usize = 16_384;
+const MAX_POINTS: usize = 1000;
 
 /// One measurement of segments, as `volseggs eval --segments` does it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -115,22 +115,22 @@ impl SegmentSpec {
             ("saga_steps", self.saga_steps),
         ];
         if let Some((key, _)) = counts.into_iter().find(|(_, n)| *n == 0) {
-            return Err(format!("segments.{key}: at least 1"));
+            return Err(format!("segments.{key}: must be at least 1"));
         }
-        let most = [
-            ("views", self.views, MOST_VIEWS),
+        let limits = [
+            ("views", self.views, MAX_VIEWS),
             ("clicks", self.clicks, 1000),
-            ("pixels", self.pixels, MOST_PIXELS),
-            ("sam_points", self.sam_points, MOST_POINTS),
+            ("pixels", self.pixels, MAX_PIXELS),
+            ("sam_points", self.sam_points, MAX_POINTS),
         ];
-        if let Some((key, n, most)) = most.into_iter().find(|(_, n, most)| n > most) {
-            return Err(format!("segments.{key} = {n}: at most {most}"));
+        if let Some((key, n, max)) = limits.into_iter().find(|(_, n, max)| n > max) {
+            return Err(format!("segments.{key} = {n}: must be at most {max}"));
         }
-        if let Some(clusters) = self.clusters.filter(|n| !(1..=MOST_COLOURS).contains(n)) {
-            return Err(format!("segments.clusters = {clusters}: from 1 to {MOST_COLOURS}"));
+        if let Some(clusters) = self.clusters.filter(|n| !(1..=MAX_COLOURS).contains(n)) {
+            return Err(format!("segments.clusters = {clusters}: must be from 1 to {MAX_COLOURS}"));
         }
         if !(self.margin.is_finite() && (-1.0..=1.0).contains(&self.margin)) {
-            return Err(format!("segments.margin = {}: a cosine, from -1 to 1", self.margin));
+            return Err(format!("segments.margin = {}: must be a cosine, from -1 to 1", self.margin));
         }
         if !(0.0..=1.0).contains(&self.time) {
             return Err(format!("segments.time: {} is not in [0, 1]", self.time));
@@ -175,7 +175,7 @@ impl SegmentSpec {
     /// The source of masks, after a check that its files exist.
     fn kind(&self) -> Result<MaskKind, String> {
         let of = |key: &str, given: bool, kind: &str| match given && self.masks != kind {
-            true => Err(format!("segments.{key}: is for masks = \"{kind}\", not for \"{}\"", self.masks)),
+            true => Err(format!("segments.{key}: applies to masks = \"{kind}\", not to \"{}\"", self.masks)),
             false => Ok(()),
         };
         of("mask_dir", self.mask_dir.is_some(), "dir")?;
@@ -185,15 +185,15 @@ impl SegmentSpec {
             "labels" => Ok(MaskKind::Labels),
             "dir" => match &self.mask_dir {
                 Some(path) if path.exists() => Ok(MaskKind::Dir(path.clone())),
-                Some(path) => Err(format!("segments.mask_dir: {}: there is no such folder or file", path.display())),
-                None => Err("segments.mask_dir: masks = \"dir\" needs the folder of masks, or the COCO file".into()),
+                Some(path) => Err(format!("segments.mask_dir: {}: no such folder or file", path.display())),
+                None => Err("segments.mask_dir: masks = \"dir\" needs a folder of masks or a COCO file".into()),
             },
             "sam" => {
                 let weights = checkpoint::locate(self.sam_weights.as_deref());
                 let weights = weights.map_err(|e| format!("segments.sam_weights: {e}"))?;
                 Ok(MaskKind::Sam { weights, points: self.sam_points })
             }
-            other => Err(format!("segments.masks: \"{other}\" is none of regions, labels, dir and sam")),
+            other => Err(format!("segments.masks: \"{other}\" is not one of regions, labels, dir, sam")),
         }
     }
 }

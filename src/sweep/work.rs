@@ -15,7 +15,7 @@ use crate::files::{AtomicDir, LockError, RunLock, RunPaths, Work};
 use crate::metrics::lpips::Lpips;
 use crate::run::measure::{MeasuredOn, measure};
 use crate::run::{AnyRun, OpenRun};
-use crate::train::observer::Nobody;
+use crate::train::observer::NoObserver;
 use crate::train::run::{RunOptions, RunRecord, Start};
 use crate::train::{checkpoint, open_dataset, open_measured};
 use burn::tensor::Device;
@@ -29,7 +29,7 @@ pub enum Ended {
     /// Everything that the plan requests is done.
     Done,
     /// It was done before.
-    WasDone,
+    AlreadyDone,
     /// Another running process, which is named, has it.
     Held(String),
     /// Another command, which is named, is using it; it should be tried again.
@@ -81,7 +81,7 @@ pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicB
 /// How a run ended before: done, or failed; a failed run is tried again only on request (its record is then removed).
 fn ended(plan: &Plan, index: usize) -> Option<Ended> {
     match progress(plan, index) {
-        Progress::Done => Some(Ended::WasDone),
+        Progress::Done => Some(Ended::AlreadyDone),
         Progress::Failed(failure) => Some(Ended::Failed(format!("{}: {}", failure.stage, failure.error))),
         Progress::Open => None,
     }
@@ -108,8 +108,12 @@ impl Worker<'_> {
         let config: Config = toml::from_str(&self.run.config).map_err(failed("config"))?;
         let device: DeviceName = self.run.device.parse().map_err(failed("device"))?;
         let device = device.open().map_err(failed("device"))?;
-        let data =
-            self.plan.datasets.get(&self.run.dataset).ok_or("the plan lacks the dataset").map_err(failed("data"))?;
+        let data = self
+            .plan
+            .datasets
+            .get(&self.run.dataset)
+            .ok_or("the plan does not contain the dataset")
+            .map_err(failed("data"))?;
         if let Some(ended) = self.train(&config, &data.folder, &device, stop_after)? {
             return Ok(ended);
         }
@@ -137,7 +141,7 @@ impl Worker<'_> {
 
     fn record(&self) -> Result<RunRecord, Failure> {
         let path = RunPaths(self.folder).record();
-        read(&path).ok_or_else(|| failed("eval")(format!("{}: not there, or not whole", path.display())))
+        read(&path).ok_or_else(|| failed("eval")(format!("{}: missing or incomplete", path.display())))
     }
 
     /// Trains to the end; returns how it ended if it did not get there.
@@ -160,8 +164,9 @@ impl Worker<'_> {
             device_name: self.run.device.clone(),
             stop_after,
         };
-        let outcome = crate::method::train(config, &dataset, device, &options, Some(self.lock), self.stop, &mut Nobody)
-            .map_err(failed("train"))?;
+        let outcome =
+            crate::method::train(config, &dataset, device, &options, Some(self.lock), self.stop, &mut NoObserver)
+                .map_err(failed("train"))?;
         Ok(match outcome.complete {
             true => None,
             false if self.stop.load(Ordering::Relaxed) => Some(Ended::Interrupted),

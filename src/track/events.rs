@@ -63,7 +63,7 @@ pub fn find_events(frames: &[Frame<'_>], config: &EventConfig) -> Result<Trackin
 fn check(frames: &[Frame<'_>], config: &EventConfig) -> Result<(), PointsError> {
     for (field, share) in [("min_share", config.min_share), ("presence_share", config.presence_share)] {
         if !(0.0..=1.0).contains(&share) {
-            return Err(PointsError::Setting { field, value: share.to_string(), want: "a share of 0 to 1" });
+            return Err(PointsError::Setting { field, value: share.to_string(), want: "a fraction from 0 to 1" });
         }
     }
     if config.persistence == 0 {

@@ -120,7 +120,7 @@ fn flicker_makes_no_event() {
 }
 
 #[test]
-fn what_is_passed_over_is_lent_its_track() {
+fn ignored_components_are_lent_a_track() {
     let tracking = forward(&[ONE, ONE, TWO, ONE, ONE]);
     assert!(tracking.points.iter().all(|p| p.track == 1), "{:?}", tracking.points);
     assert_eq!(tracking.points.iter().filter(|p| p.lent).count(), 1);
@@ -193,7 +193,7 @@ fn random_histories_hold_events_of_every_kind() {
 }
 
 #[test]
-fn poison_input() {
+fn empty_non_finite_and_invalid_inputs() {
     let config = EventConfig::default();
     assert_eq!(find_events(&[], &config).unwrap(), Tracking::default());
     let frame = |labels: &'static [u32], opacity: &'static [f32]| Frame { time: 0.0, labels, opacity };

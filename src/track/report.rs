@@ -32,7 +32,7 @@ pub enum ReportError {
     #[error(transparent)]
     Replace(#[from] ReplaceError),
     /// The file system reported an error.
-    #[error("{path}: {source}; check the folder and the space on the disk")]
+    #[error("{path}: {source}; check the folder and the free disk space")]
     Io {
         /// The file or folder.
         path: PathBuf,
@@ -59,7 +59,7 @@ pub enum ReportError {
 
 /// Kind of a tracked segment's folder.
 const KIND: FolderKind = FolderKind {
-    what: "a followed segment",
+    what: "a segment's track",
     markers: &["statistics.json"],
     entries: &["*.csv", "*.svg", "times.png", "renders/[0-9]*.png", "masks/[0-9]*.png"],
 };
@@ -167,7 +167,7 @@ fn over_time(found: &Followup) -> String {
         share("visible", &|s| s.visible as f64),
         share("projected area", &|s| s.projected_share.unwrap_or(f64::NAN)),
     ];
-    line_plot(&found.name, "time", "of the largest", &series)
+    line_plot(&found.name, "time", "fraction of maximum", &series)
 }
 
 /// Plots the velocity of the centroid and its magnitude.

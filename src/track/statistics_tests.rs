@@ -66,7 +66,7 @@ fn one_gaussian_is_described_by_itself() {
 }
 
 #[test]
-fn transparent_and_poison_gaussians_are_not_visible() {
+fn transparent_and_non_finite_gaussians_are_not_visible() {
     let mut scene = Scene::random(8, 1);
     scene.means[0] = f32::NAN;
     scene.opacity[1] = 0.003;
@@ -121,7 +121,7 @@ fn wrong_input_is_named() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
     #[test]
-    fn a_shift_moves_places_and_nothing_else(seed in 0u64..500, cells in -20i32..20) {
+    fn a_shift_changes_only_positions(seed in 0u64..500, cells in -20i32..20) {
         let mut scene = Scene::random(60, seed);
         let before = scene.describe();
         let shift = cells as f32 * 0.25;
@@ -171,7 +171,7 @@ proptest! {
 }
 
 #[test]
-fn velocity_bridges_nothing_that_does_not_show() {
+fn velocity_does_not_bridge_times_without_visible_gaussians() {
     let entry = Scene::random(1, 1).describe();
     let at =
         |time: f64, x: Option<f64>| SegmentStatistics { time, centroid: x.map(|x| [x, 0.0, 0.0]), ..entry.clone() };

@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn motion_of_second_degree_is_exact_but_at_the_ends() {
+    fn quadratic_motion_is_exact_except_at_the_ends() {
         let means = |t: f32| vec![2.0 * t, t * t, -0.5];
         for t in [0.01, 0.3, 0.5, 0.99] {
             let v = velocities(means, t);
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn only_times_of_the_series_are_asked_for() {
+    fn only_times_within_the_series_are_requested() {
         for t in [0.0, 0.004, 0.5, 1.0] {
             velocities(
                 |at| {
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn the_scale_is_that_of_most_and_of_those_seen() {
+    fn the_scale_ignores_outliers_and_invisible_gaussians() {
         let mut values: Vec<f32> = (0..1000).map(|i| if i % 2 == 0 { -1.0 } else { 0.5 }).collect();
         let opacity = vec![0.5; 1000];
         assert_eq!(robust_size(&values, &opacity), Some(1.0));

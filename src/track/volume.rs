@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn poison_sizes() {
+    fn empty_tiny_and_far_apart_inputs() {
         assert_eq!(union_volume(&[], 0.1), (0.0, 0.1));
         let tiny = ball([0.55; 3], [1e-9; 3], [1.0, 0.0, 0.0, 0.0]);
         assert!((union_volume(&[tiny], 0.1).0 - 0.001).abs() < 1e-12);

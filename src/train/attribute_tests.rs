@@ -44,7 +44,7 @@ fn normals_and_material_are_trained_and_follow_the_gaussians() {
     let losses = stepped(&mut trainer, &data, 24);
     assert!(losses.iter().all(|loss| loss.is_finite()) && losses[23] < losses[0], "{losses:?}");
     let host = trainer.scene().gaussians.to_host();
-    assert_eq!((host.len(), host.misshapen()), (260, None), "it densified to its budget");
+    assert_eq!((host.len(), host.mismatched_column()), (260, None), "it densified to its budget");
     let shading = host.shading.unwrap();
     assert_ne!(shading.material, first.material);
     assert_ne!(shading.normals[..first.normals.len()], first.normals[..]);
@@ -69,7 +69,7 @@ fn embeddings_start_at_zero_are_trained_in_the_joint_stage_and_follow_the_gaussi
     let losses = stepped(&mut trainer, &data, 20);
     assert!(losses.iter().all(|loss| loss.is_finite()) && losses[19] < before[0], "{losses:?}");
     let host = trainer.scene().gaussians.to_host();
-    assert_eq!((host.len(), host.misshapen()), (260, None), "it densified to its budget");
+    assert_eq!((host.len(), host.mismatched_column()), (260, None), "it densified to its budget");
     let nonzero = values(&trainer).chunks_exact(5).filter(|e| e.iter().any(|v| *v != 0.0)).count();
     assert!(nonzero > 200, "{nonzero} of 260");
 }

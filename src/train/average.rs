@@ -97,7 +97,7 @@ impl Average {
             return Err(format!("{LOOKS} has {} values, expected 1", looks.values.len()));
         };
         if !(1.0..=*REACH.end() as f32).contains(&looks) || looks.fract() != 0.0 {
-            return Err(format!("{LOOKS} is no number of looks"));
+            return Err(format!("{LOOKS} is not a number of looks"));
         }
         let mut own = BTreeMap::new();
         for (name, size) in params::sizes(&model) {
@@ -185,13 +185,13 @@ mod tests {
     }
 
     #[test]
-    fn it_reaches_back_a_tenth_of_the_steps_and_no_further_than_asked() {
+    fn it_reaches_back_a_tenth_of_the_steps_up_to_the_given_reach() {
         let start = scene();
         let mut average = Average::new(40);
         for steps in 1..10 {
             average.look(steps, &start);
         }
-        assert!(average.scene().is_none(), "one look in ten steps");
+        assert!(average.scene().is_none(), "it looks once in ten steps");
         let mut expected = 0.0;
         for i in 0..50 {
             average.look(10 * (i + 1), &moved(&start, i as f32));
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn it_comes_back_from_a_checkpoint_and_what_does_not_fit_is_named() {
+    fn it_is_restored_from_a_checkpoint_and_invalid_tensors_are_named() {
         let start = scene();
         let mut average = Average::new(1000);
         (1..15).for_each(|i| average.look(10 * i, &moved(&start, i as f32)));
@@ -245,7 +245,7 @@ mod tests {
         assert!(again.load(start.clone(), &less).unwrap_err().contains("trained.gaussians.rotations is missing"));
         let mut without = Average::new(0);
         assert_eq!(params::collect(&without.load(start.clone(), &tensors).unwrap()), params::collect(&trained));
-        assert!(without.scene().is_none(), "a run may go on without its average");
+        assert!(without.scene().is_none(), "a run may continue without its average");
         assert_eq!(params::collect(&again.load(start.clone(), &BTreeMap::new()).unwrap()), params::collect(&start));
     }
 

@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn the_key_that_takes_most_is_named() {
+    fn the_key_that_needs_most_memory_is_named() {
         type Huge = fn(&mut Config);
         let cases: [(Huge, &str); 11] = [
             (|c| c.init.points = 2_000_000_000, "init.points = 2000000000"),
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_budget_that_no_training_reaches_takes_no_memory() {
+    fn an_unreachable_gaussian_budget_takes_no_memory() {
         let mut config = Config::default();
         (config.init.points, config.densify.budget) = (300, 1_000_000_000_000);
         (config.stages.warmup_steps, config.stages.joint_steps) = (0, 1000);

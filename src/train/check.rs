@@ -83,8 +83,8 @@ pub(crate) fn check_device(
     let (what, bytes) = needs.into_iter().max_by_key(|(_, bytes)| *bytes).unwrap_or_default();
     if bytes > u128::from(limit) {
         return Err(TrainError::Config(format!(
-            "the {what} take {} MB in one buffer, this GPU binds {} MB at most: fewer Gaussians, a smaller model or \
-             smaller images, or --device flex",
+            "the {what} take {} MB in one buffer, but this GPU binds at most {} MB: use fewer Gaussians, a \
+             smaller model or smaller images, or --device flex",
             bytes / 1_000_000,
             limit / 1_000_000
         )));
@@ -104,8 +104,8 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
         return bad(text);
     }
     if config.optim.average > 0 && !average::REACH.contains(&config.optim.average) {
-        let (least, most) = average::REACH.into_inner();
-        return bad(format!("optim.average = {}: 0 for none, or from {least} to {most}", config.optim.average));
+        let (min, max) = average::REACH.into_inner();
+        return bad(format!("optim.average = {}: 0 for none, or from {min} to {max}", config.optim.average));
     }
     if config.init.points == 0 {
         return bad("init.points = 0: at least 1".into());
@@ -125,13 +125,15 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     let is_grid = matches!(config.model.encoder, EncoderKind::Factorised | EncoderKind::HexPlane);
     if config.speed.coarse_steps > 0 && config.speed.coarse_factor == 1 {
         return bad(format!(
-            "speed.coarse_steps = {}: images are not smaller with speed.coarse_factor = 1; 2 or more, or no such steps",
+            "speed.coarse_steps = {}: images are not reduced with speed.coarse_factor = 1; set it to 2 or \
+             more, or the steps to 0",
             config.speed.coarse_steps
         ));
     }
     if config.speed.cull_visits > 1 && config.loss.fade > 0.0 {
         return bad(format!(
-            "speed.cull_visits = {} passes over Gaussians that have faded, which loss.fade = {} is about: one of them alone",
+            "speed.cull_visits = {} skips faded Gaussians, on which loss.fade = {} acts: use only one of \
+             them",
             config.speed.cull_visits, config.loss.fade
         ));
     }
@@ -147,7 +149,8 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     let loss = &config.loss;
     if loss.dssim > 0.0 && loss.dssim_last == 0 && !loss.dssim_warmup {
         return bad(format!(
-            "loss.dssim = {}: never counts with loss.dssim_last = 0; give the number of last steps in which it does",
+            "loss.dssim = {}: has no effect with loss.dssim_last = 0; set that to the number of last steps in \
+             which it counts",
             loss.dssim
         ));
     }
@@ -168,7 +171,7 @@ fn check_ranges(config: &Config) -> Result<(), TrainError> {
     let (init, optim) = (&config.init, &config.optim);
     let [first, second] = optim.betas;
     let falls_to_nothing = optim.schedule == schedule::SCHEDULES[0];
-    // (key, value, least, most)
+    // (key, value, min, max)
     let ranges = [
         ("init.scale", init.scale, 1e-6, 1e6),
         ("init.box_half_size", init.box_half_size, 1e-6, 1e6),
@@ -182,14 +185,12 @@ fn check_ranges(config: &Config) -> Result<(), TrainError> {
         ("optim.attributes_final_fraction", optim.attributes_final_fraction, 1e-9, 1e9),
         ("optim.final_fraction", if falls_to_nothing { optim.final_fraction } else { 1.0 }, 1e-9, 1e9),
     ];
-    match ranges.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value)) {
+    match ranges.into_iter().find(|(_, value, min, max)| !(min..=max).contains(&value)) {
         None => Ok(()),
-        Some((key, value, least, _)) if value < least && least < 1e-5 => {
-            Err(TrainError::Config(format!("{key} = {value:?}: above 0 (at least {least:.1e})")))
+        Some((key, value, min, _)) if value < min && min < 1e-5 => {
+            Err(TrainError::Config(format!("{key} = {value:?}: above 0 (at least {min:.1e})")))
         }
-        Some((key, value, least, most)) => {
-            Err(TrainError::Config(format!("{key} = {value:?}: between {least} and {most}")))
-        }
+        Some((key, value, min, max)) => Err(TrainError::Config(format!("{key} = {value:?}: between {min} and {max}"))),
     }
 }
 
@@ -197,10 +198,13 @@ fn check_ranges(config: &Config) -> Result<(), TrainError> {
 fn check_times(data: &DataConfig) -> Result<(), TrainError> {
     let bad = |text: String| Err(TrainError::Config(text));
     if let Some(time) = data.only_times.iter().find(|time| !(0.0..=1.0).contains(*time)) {
-        return bad(format!("data.only_times: {time} is no time; each between 0 and 1"));
+        return bad(format!("data.only_times: {time} is not a time; each must be between 0 and 1"));
     }
     if !data.only_times.is_empty() && data.times > 0 {
-        return bad(format!("data.only_times and data.times = {} both choose times: give one of them", data.times));
+        return bad(format!(
+            "data.only_times and data.times = {} both choose times: give only one of them",
+            data.times
+        ));
     }
     Ok(())
 }
@@ -221,7 +225,7 @@ fn check_densify(densify: &DensifyConfig) -> Result<(), TrainError> {
     ];
     match waits.into_iter().find(|(_, is_on, _)| *is_on && densify.opacity_reset == 0) {
         Some((key, _, value)) => bad(format!(
-            "densify.{key} = {value}: only once opacities have been reset; set densify.opacity_reset as well"
+            "densify.{key} = {value}: has an effect only after an opacity reset; set densify.opacity_reset as well"
         )),
         None => Ok(()),
     }
@@ -279,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn values_that_make_no_sense_are_named_with_what_may_stand_there() {
+    fn invalid_values_are_named_with_the_values_allowed() {
         check(&Config::default()).unwrap();
         type Edit = fn(&mut Config);
         let cases: [(Edit, [&str; 2]); 26] = [

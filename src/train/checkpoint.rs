@@ -49,7 +49,7 @@ pub enum CheckpointError {
         now: String,
     },
     /// Keys that shaped the steps already taken were changed.
-    #[error("{path}: {}; resume without that, or train into a new folder", listed(changes))]
+    #[error("{path}: {}; resume without these changes, or train into a new folder", listed(changes))]
     Changed {
         /// The checkpoint.
         path: PathBuf,
@@ -57,13 +57,13 @@ pub enum CheckpointError {
         changes: Vec<Change>,
     },
     /// The state that only training needs is missing.
-    #[error("{path}: is packed, without what only training needs; resume the run that it was packed from")]
+    #[error("{path}: is packed, without the state that training needs; resume the run that it was packed from")]
     Packed {
         /// The checkpoint.
         path: PathBuf,
     },
     /// There is no checkpoint to resume from.
-    #[error("{run}: no checkpoint to go on from; without --resume training begins anew")]
+    #[error("{run}: no checkpoint to resume from; train without --resume to start over")]
     None {
         /// The run.
         run: PathBuf,
@@ -193,12 +193,13 @@ pub fn advice(path: &Path) -> String {
     let older = list(run).into_iter().rev().filter(|(step, _)| *step < before).map(|(_, p)| p);
     match older.into_iter().find(|p| whole(p)) {
         Some(older) => format!(
-            "an older checkpoint is whole: give {} in place of {}, or train on from it with `volseggs train --resume {}`",
+            "an older checkpoint is intact: give {} in place of {}, or continue training from it with \
+             `volseggs train --resume {}`",
             older.display(),
             run.display(),
             shell::path(&older)
         ),
-        None => "no older checkpoint is whole; restore the file from a copy, or train again".to_owned(),
+        None => "no older checkpoint is intact; restore the file from a copy, or train again".to_owned(),
     }
 }
 

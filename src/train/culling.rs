@@ -82,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_transparent_are_passed_over_until_all_are_due() {
+    fn transparent_gaussians_are_skipped_until_all_are_due() {
         let mut culling = Culling::new(3);
         let logits: Vec<f32> = (0..40).map(|i| if i % 3 == 0 { -9.0 } else { 0.5 }).collect();
         assert_eq!(culling.visit(0.5), None);
@@ -95,7 +95,7 @@ mod tests {
         let mut again = Culling::new(3);
         again.load(&culling.to_tensors(), 40);
         assert_eq!(again, culling);
-        assert!(again.visit(0.5).is_some() && again.visit(0.5).is_none(), "one of three visits looks at all");
+        assert!(again.visit(0.5).is_some() && again.visit(0.5).is_none(), "one of three visits evaluates all");
         again.load(&culling.to_tensors(), 41 + BITS);
         assert_eq!(again.visit(0.5), None, "of other Gaussians");
         culling.clear();

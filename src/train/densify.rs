@@ -81,7 +81,7 @@ impl Statistics {
         let of = |name: &str| {
             let values = tensors.get(&format!("statistics.{name}")).map(|t| t.values.clone());
             let values = values.filter(|v| v.len() == n);
-            values.ok_or_else(|| format!("statistics.{name} is missing or has not {n} entries"))
+            values.ok_or_else(|| format!("statistics.{name} is missing or does not have {n} entries"))
         };
         Ok(Self { gradient: of("gradient")?, views: of("views")?, opacity: of("opacity")? })
     }
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn present_opacity_and_size_decide_where_they_are_asked_to() {
+    fn current_opacity_and_size_decide_where_configured() {
         let (mut config, mut g, s) = (Config::default(), gaussians(6), statistics(6));
         let kept = |config: &Config, g: &HostGaussians, due: Due| -> Vec<usize> {
             planned(due, &s, g, config).into_iter().map(Row::source).collect()

@@ -155,7 +155,7 @@ mod tests {
         let all = targets(&config, 100);
         assert!(all.is_sorted(), "{all:?}");
         assert_eq!((all[9], all.last()), (300, Some(&500)));
-        assert_eq!(targets(&config, 400).first(), Some(&300), "more than that from the start: none are added");
+        assert_eq!(targets(&config, 400).first(), Some(&300), "above that from the start: none are added");
         // warm-up above the second budget: the joint stage aims at that budget and removes none
         config.densify.warmup_budget = 700;
         let all = targets(&config, 100);
@@ -171,7 +171,7 @@ mod tests {
         let mut config = Config::default();
         (config.stages.warmup_steps, config.densify.opacity_reset) = (30_000, 3000);
         let resets = |config: &Config| warmup_steps(config, |d| d.reset);
-        assert_eq!(resets(&config), [3000], "once, unless more is asked for");
+        assert_eq!(resets(&config), [3000], "once, unless more are configured");
         config.densify.opacity_reset_until = 14_900;
         assert_eq!(resets(&config), [3000, 6000, 9000, 12_000]);
         config.stages.warmup_steps = 3000;
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn large_ones_go_only_after_a_reset_and_none_where_pruning_is_off() {
+    fn large_gaussians_are_pruned_only_after_a_reset_and_with_pruning_on() {
         let mut config = Config::default();
         (config.stages.warmup_steps, config.densify.warmup_from) = (6000, 500);
         (config.densify.prune_size, config.densify.prune_every, config.densify.prune_from) = (0.1, 500, 1000);

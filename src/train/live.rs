@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn a_checkpoint_that_vanishes_while_it_is_read_is_sought_again() {
+    fn a_checkpoint_that_vanishes_while_it_is_read_is_located_again() {
         let dir = run(&[10]);
         let read = |path: &Path| {
             if path.ends_with("step-000010") {
@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn checkpoints_that_vanish_are_left_out_and_damaged_ones_are_not() {
+    fn vanished_checkpoints_are_skipped_and_damaged_ones_are_reported() {
         let dir = run(&[10, 20, 30]);
         let read = |path: &Path| {
             if path.ends_with("step-000010") {

@@ -39,7 +39,7 @@ pub struct Moment<'a> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Next {
     /// Takes the next step.
-    GoOn,
+    Continue,
     /// Waits; the observer is asked again.
     Pause,
 }
@@ -53,18 +53,18 @@ pub trait Observer {
 
 /// An observer that does nothing.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Nobody;
+pub struct NoObserver;
 
-impl Observer for Nobody {
+impl Observer for NoObserver {
     fn look(&mut self, _: &Moment<'_>) -> Next {
-        Next::GoOn
+        Next::Continue
     }
 }
 
 /// Calls `observer` and waits for as long as it pauses the training, at most until `stop` is raised. Calls `begin` at
 /// the start of a pause. Returns the duration of the pause.
 pub fn wait_for(observer: &mut dyn Observer, now: &Moment<'_>, stop: &AtomicBool, begin: impl FnOnce()) -> Duration {
-    if observer.look(now) == Next::GoOn || now.steps >= now.until {
+    if observer.look(now) == Next::Continue || now.steps >= now.until {
         return Duration::ZERO;
     }
     begin();

@@ -110,7 +110,7 @@ fn only_times(root: &Path, all: &[f64], wanted: &[f64]) -> Result<Vec<f64>, Data
             path: SplitName::Train.json_path(root),
             option: "data.only_times",
             problem: format!("{} and {} both choose the training time {}", wanted[a], wanted[b], chosen[a]),
-            hint: "leave one of them out, or give times that lie farther apart".to_owned(),
+            hint: "remove one of them, or give times that are farther apart".to_owned(),
         }),
     }
 }
@@ -168,10 +168,10 @@ mod tests {
         let folder = dataset(6, 8);
         let mut config = Config::default();
         config.data.only_times = vec![0.1, 0.9, 0.3];
-        let told = open_dataset(folder.path(), &config).unwrap_err().to_string();
+        let error = open_dataset(folder.path(), &config).unwrap_err().to_string();
         assert!(
-            told.contains("data.only_times") && told.contains("0.1 and 0.3 both choose the training time 0"),
-            "{told}"
+            error.contains("data.only_times") && error.contains("0.1 and 0.3 both choose the training time 0"),
+            "{error}"
         );
     }
 }

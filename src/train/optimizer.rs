@@ -113,14 +113,14 @@ impl Optimizer {
             let second = tensors.get(&format!("adam.second.{name}"));
             let steps = tensors.get(&format!("adam.steps.{name}"));
             let (Some(second), Some(steps)) = (second, steps) else {
-                return Err(format!("adam.first.{name} is there without adam.second.{name} and adam.steps.{name}"));
+                return Err(format!("adam.first.{name} is present without adam.second.{name} and adam.steps.{name}"));
             };
             let [high, low] = steps.values[..] else {
                 return Err(format!("adam.steps.{name} has {} values, expected 2", steps.values.len()));
             };
             let half = |v: f32| (0.0..HALF).contains(&v).then_some(v as u64);
             let Some((high, low)) = half(high).zip(half(low)) else {
-                return Err(format!("adam.steps.{name} is no number of steps"));
+                return Err(format!("adam.steps.{name} is not a number of steps"));
             };
             let size = sizes.get(name).copied().unwrap_or(0);
             if [first.values.len(), second.values.len()] != [size; 2] {

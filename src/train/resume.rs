@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn logs_and_length_may_change_and_what_may_not_is_named() {
+    fn logs_and_length_may_change_and_other_changes_are_named() {
         let base = text(|_| ());
         assert_eq!(changes(&base, &base, 5).unwrap(), (Vec::new(), Vec::new()));
         let more = text(|c| {
@@ -134,9 +134,9 @@ mod tests {
             c.loss.extra.insert("mine".into(), 0.5);
         });
         let (_, refused) = changes(&base, &other, 5).unwrap();
-        let told: Vec<String> = refused.iter().map(ToString::to_string).collect();
-        assert!(told[0].contains("loss.extra.mine was not set and is 0.5 now"), "{told:?}");
-        assert!(told[1].contains("seed was 0 and is 9 now (it shaped the 5 steps already taken)"), "{told:?}");
+        let messages: Vec<String> = refused.iter().map(ToString::to_string).collect();
+        assert!(messages[0].contains("loss.extra.mine was not set and is 0.5 now"), "{messages:?}");
+        assert!(messages[1].contains("seed was 0 and is 9 now (it shaped the 5 steps already taken)"), "{messages:?}");
     }
 
     #[test]
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_from_before_warm_up_had_a_schedule_of_its_own_keeps_the_one_it_had() {
+    fn runs_older_than_the_warm_up_schedule_keep_their_schedule() {
         let without = |text: &str| -> String {
             text.lines().filter(|l| !l.starts_with("warmup_decay_steps")).map(|l| format!("{l}\n")).collect()
         };

@@ -129,7 +129,7 @@ fn beginning(out: &Path, start: &Start) -> Result<Option<PathBuf>, CheckpointErr
         (Start::Resume, Ok(None)) => Err(CheckpointError::None { run: out.into() }),
         (Start::New, Ok(Some(_))) => {
             let reason = format!(
-                "holds checkpoints of a run; go on with `volseggs train --resume {}`, or choose another --out",
+                "holds checkpoints of a run; continue with `volseggs train --resume {}`, or choose another --out",
                 shell::path(out)
             );
             Err(CheckpointError::File { path: out.into(), reason })
@@ -143,7 +143,7 @@ fn beginning(out: &Path, start: &Start) -> Result<Option<PathBuf>, CheckpointErr
 fn check_out(out: &Path) -> Result<(), CheckpointError> {
     let refuse = |path: PathBuf, reason: &str| Err(CheckpointError::File { path, reason: reason.to_owned() });
     if let Some(file) = out.ancestors().find(|p| p.symlink_metadata().is_ok() && !p.is_dir()) {
-        return refuse(file.to_owned(), "is not a folder, so no run can be made there; choose another --out");
+        return refuse(file.to_owned(), "is not a folder, so no run can be created there; choose another --out");
     }
     if RunPaths(out).record().exists() {
         return Ok(());
@@ -155,7 +155,8 @@ fn check_out(out: &Path) -> Result<(), CheckpointError> {
     let parts = [paths.config(), paths.metrics(), paths.checkpoints(), paths.tensorboard()];
     match parts.into_iter().find(|part| part.exists()) {
         Some(part) => {
-            let reason = "is there, but no run.json beside it, so it belongs to no run and is not replaced; choose another --out";
+            let reason = "exists without a run.json beside it, so it belongs to no run and is not replaced; \
+                          choose another --out";
             refuse(part, reason)
         }
         None => Ok(()),

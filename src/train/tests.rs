@@ -239,7 +239,7 @@ fn the_first_steps_may_see_reduced_images() {
 }
 
 #[test]
-fn passing_over_transparent_gaussians_changes_little_and_wakes_them_again() {
+fn skipping_transparent_gaussians_changes_little_and_lets_them_return() {
     let run = |cull_visits: usize| {
         let mut config = config();
         config.speed.cull_visits = cull_visits;
@@ -262,7 +262,7 @@ fn passing_over_transparent_gaussians_changes_little_and_wakes_them_again() {
 }
 
 #[test]
-fn an_average_changes_no_step_follows_the_order_and_comes_back_from_a_checkpoint() {
+fn an_average_changes_no_step_is_sorted_along_and_is_restored_from_a_checkpoint() {
     let of = |average: usize| {
         let mut config = config();
         (config.optim.average, config.speed.sort_every, config.stages.joint_steps) = (average, 15, 130);
@@ -277,7 +277,7 @@ fn an_average_changes_no_step_follows_the_order_and_comes_back_from_a_checkpoint
     assert_eq!(params::collect(averaged.scene()), params::collect(plain.scene()));
     let mean = |trainer: &Trainer| to_vec(trainer.shown().gaussians.means.val());
     let apart = mean(&plain).iter().zip(mean(&averaged)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    assert!(apart > 0.0 && apart < 0.02, "after Gaussians were sorted they are still each other's: {apart}");
+    assert!(apart > 0.0 && apart < 0.02, "sorting Gaussians did not also sort the average: {apart}");
 
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.safetensors");
@@ -303,7 +303,7 @@ fn relocation_keeps_the_number_of_gaussians_on_the_line_and_resumes_bit_identica
     (config.densify.joint_from, config.densify.joint_until) = (10, 40);
     let (data, mut whole) = trainer(&config);
     let counts: Vec<usize> = (0..25).map(|_| whole.step(&data.train).unwrap().primitives).collect();
-    assert_eq!((counts[8], counts[14], counts[24]), (200, 207, 220), "one line, whatever is transparent");
+    assert_eq!((counts[8], counts[14], counts[24]), (200, 207, 220), "it grows linearly, whatever is transparent");
 
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.safetensors");

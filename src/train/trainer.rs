@@ -123,14 +123,14 @@ impl Trainer {
     pub fn scene(&self) -> &Scene {
         match &self.scene {
             Some(scene) => scene,
-            None => unreachable!("the optimiser gives the scene back"),
+            None => unreachable!("the optimiser returns the scene"),
         }
     }
 
     fn scene_mut(&mut self) -> &mut Scene {
         match &mut self.scene {
             Some(scene) => scene,
-            None => unreachable!("the optimiser gives the scene back"),
+            None => unreachable!("the optimiser returns the scene"),
         }
     }
 

@@ -64,7 +64,7 @@ pub fn beside(
         };
         let served = match server.map(std::thread::ScopedJoinHandle::join) {
             Ok(Ok(served)) => served,
-            Ok(Err(_)) => Err(ViewError::System(std::io::Error::other("it failed at something"))),
+            Ok(Err(_)) => Err(ViewError::System(std::io::Error::other("an internal error stopped it"))),
             Err(error) => Err(ViewError::System(error)),
         };
         (outcome, served)

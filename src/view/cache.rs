@@ -8,15 +8,15 @@ use std::collections::HashMap;
 pub struct Cache {
     held: HashMap<String, (Prepared, u64)>,
     bytes: usize,
-    most: usize,
+    max_bytes: usize,
     clock: u64,
 }
 
 impl Cache {
-    /// Makes a cache that holds at most `most` bytes.
+    /// Makes a cache that holds at most `max_bytes` bytes.
     #[must_use]
-    pub fn new(most: usize) -> Self {
-        Self { held: HashMap::new(), bytes: 0, most, clock: 0 }
+    pub fn new(max_bytes: usize) -> Self {
+        Self { held: HashMap::new(), bytes: 0, max_bytes, clock: 0 }
     }
 
     /// Returns what is stored under `key`, if it is still there.
@@ -30,7 +30,7 @@ impl Cache {
     /// Stores `prepared` under `key`, unless it alone is too large.
     pub fn put(&mut self, key: String, prepared: Prepared) {
         let bytes = prepared.bytes();
-        if bytes > self.most {
+        if bytes > self.max_bytes {
             return;
         }
         self.clock += 1;
@@ -38,7 +38,7 @@ impl Cache {
             self.bytes -= old.bytes();
         }
         self.bytes += bytes;
-        while self.bytes > self.most {
+        while self.bytes > self.max_bytes {
             let Some(oldest) = self.held.iter().min_by_key(|(_, (_, used))| *used).map(|(key, _)| key.clone()) else {
                 break;
             };
@@ -62,7 +62,7 @@ mod tests {
     use crate::segment::balls::APART;
 
     #[test]
-    fn what_was_used_least_lately_goes_first_and_never_more_is_held_than_allowed() {
+    fn the_least_recently_used_entry_is_evicted_and_the_limit_is_kept() {
         let device = DeviceName::all()[0].open().unwrap();
         let one = Prepared::of(&APART.gaussians(), 0, &device);
         let bytes = one.bytes();
@@ -73,14 +73,14 @@ mod tests {
         }
         assert!(cache.get("a").is_some());
         cache.put("c".into(), one.clone());
-        assert!(cache.get("b").is_none(), "used longest ago");
+        assert!(cache.get("b").is_none(), "least recently used");
         assert!(cache.get("a").is_some() && cache.get("c").is_some());
         cache.put("c".into(), one.clone());
-        assert_eq!(cache.bytes, 2 * bytes, "in its place");
+        assert_eq!(cache.bytes, 2 * bytes, "replaced in place");
         cache.clear();
         assert!(cache.get("a").is_none() && cache.bytes == 0);
         let mut small = Cache::new(bytes - 1);
         small.put("a".into(), one);
-        assert!(small.get("a").is_none(), "too large to be held");
+        assert!(small.get("a").is_none(), "too large to be cached");
     }
 }

@@ -67,7 +67,7 @@ impl Clicks {
     /// # Errors
     /// If the preparation failed.
     pub fn get<'c>(now: &'c mut Option<Self>, space: &Workspace, time: f64) -> Result<&'c Clicking, RunError> {
-        let failed = || RunError::failure("the scene cannot be made ready for clicks");
+        let failed = || RunError::failure("the scene cannot be prepared for clicks");
         let clicking = match now.take().filter(|c| c.fits(space, time)).map(|c| c.state) {
             Some(State::Ready(clicking)) => clicking,
             Some(State::Soon(thread)) => Box::new(thread.join().map_err(|_| failed())?),

@@ -154,7 +154,7 @@ impl Client {
                 look.preview(&space.run, preview)?;
                 Ok((look, key))
             }
-            None => Err(RunError::failure("no look")),
+            None => Err(RunError::failure("there is no look to draw")),
         }
     }
 
@@ -276,7 +276,7 @@ impl Client {
             picked.levels.clone_from(levels);
         }
         picked.members = combine(&before, std::mem::take(&mut picked.members));
-        let told = Selected {
+        let selected = Selected {
             id,
             mean: hit.mean,
             segments: hit.segments.iter().map(ToString::to_string).collect(),
@@ -289,7 +289,7 @@ impl Client {
         };
         self.changed();
         self.clicked = Some((self.selections, Clicked { hit, picked, time, before }));
-        Ok(told)
+        Ok(selected)
     }
 }
 

@@ -73,7 +73,9 @@ impl Compare {
             Self::Run { run } if *run >= runs => {
                 Err(format!("compare: this viewer was started with {runs} other runs, see --with"))
             }
-            Self::Time { time } if !(0.0..=1.0).contains(time) => Err("compare: a time between 0 and 1".into()),
+            Self::Time { time } if !(0.0..=1.0).contains(time) => {
+                Err("compare: the time must be between 0 and 1".into())
+            }
             _ => Ok(()),
         }
     }

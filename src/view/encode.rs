@@ -61,16 +61,16 @@ mod tests {
     use crate::view::protocol::Kind;
 
     #[test]
-    fn a_picture_without_loss_is_that_of_the_file_and_one_with_is_smaller() {
+    fn a_lossless_picture_equals_the_file_and_a_jpeg_is_smaller() {
         let rgb = RgbImage::from_fn(64, 48, |x, y| image::Rgb([(3 * x) as u8, (5 * y) as u8, (x * y) as u8]));
         let (number, revision, time, render_ms, encode_ms) = (3, 1, 0.5, 2.0, 0.0);
         let (kind, codec, size) = (Kind::Picture, Codec::Png, [0; 2]);
         let info = FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms };
-        let (told, png) = Picture::new(info, rgb.clone(), None).encode().unwrap();
-        assert_eq!((told.codec, told.size, told.number), (Codec::Png, [64, 48], 3));
+        let (sent, png) = Picture::new(info, rgb.clone(), None).encode().unwrap();
+        assert_eq!((sent.codec, sent.size, sent.number), (Codec::Png, [64, 48], 3));
         assert_eq!(png, encode_png(&rgb).unwrap());
-        let (told, jpeg) = Picture::new(info, rgb, Some(60)).encode().unwrap();
-        assert_eq!((told.codec, &jpeg[..2]), (Codec::Jpeg, &[0xff, 0xd8][..]));
+        let (sent, jpeg) = Picture::new(info, rgb, Some(60)).encode().unwrap();
+        assert_eq!((sent.codec, &jpeg[..2]), (Codec::Jpeg, &[0xff, 0xd8][..]));
         assert!(jpeg.len() < png.len());
     }
 }

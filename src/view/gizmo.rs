@@ -4,9 +4,9 @@ use crate::edit::Edit;
 use serde::Deserialize;
 
 /// Maximum number of edits that a client may have shown at once.
-const MOST: usize = 8;
+const MAX_EDITS: usize = 8;
 /// Maximum number of segments that each of them may name.
-const NAMES: usize = 1000;
+const MAX_SEGMENTS: usize = 1000;
 
 /// Unsaved edits that are shown after those of the run.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
@@ -25,8 +25,8 @@ impl Preview {
     /// # Errors
     /// What is wrong with it.
     pub fn check(&self) -> Result<(), String> {
-        if self.edits.len() > MOST || self.edits.iter().any(|e| e.segments.len() > NAMES) {
-            return Err(format!("preview: at most {MOST} edits of {NAMES} segments each"));
+        if self.edits.len() > MAX_EDITS || self.edits.iter().any(|e| e.segments.len() > MAX_SEGMENTS) {
+            return Err(format!("preview: at most {MAX_EDITS} edits of {MAX_SEGMENTS} segments each"));
         }
         self.edits.iter().try_for_each(|edit| edit.validate().map_err(|e| format!("preview: {e}")))
     }

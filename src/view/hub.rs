@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc::Sender;
 
 /// Number of messages of all clients together that may wait; a client that sends more waits.
-const WAITING: usize = 1024;
+const MAX_WAITING: usize = 1024;
 
 /// Number of a client.
 pub type ClientId = u64;
@@ -67,7 +67,7 @@ impl Hub {
     /// Whether so many events wait that clients must be slowed down.
     #[must_use]
     pub fn is_full(&self) -> bool {
-        self.inbox().events.len() >= WAITING
+        self.inbox().events.len() >= MAX_WAITING
     }
 
     /// Wakes the drawing thread without an event.
@@ -86,8 +86,8 @@ impl Hub {
     /// `None` when the thread is to stop.
     pub fn wait(&self, until: Option<Instant>) -> Option<Vec<(ClientId, Event)>> {
         let mut inbox = self.inbox();
-        let longest = Duration::from_millis(500);
-        let wait = until.map_or(longest, |until| until.saturating_duration_since(Instant::now()).min(longest));
+        let max_wait = Duration::from_millis(500);
+        let wait = until.map_or(max_wait, |until| until.saturating_duration_since(Instant::now()).min(max_wait));
         if inbox.events.is_empty() && !inbox.stop && !inbox.woken && !wait.is_zero() {
             inbox = self.news.wait_timeout(inbox, wait).unwrap_or_else(PoisonError::into_inner).0;
         }

@@ -71,7 +71,7 @@ pub enum ViewError {
 }
 
 /// Port of the user's own machine that is forwarded to a socket file, if no other is requested.
-const FORWARDED: u16 = 8137;
+const FORWARDED_PORT: u16 = 8137;
 
 /// What the viewer listens on.
 enum Listener {
@@ -88,7 +88,7 @@ impl Listener {
 
     #[cfg(not(unix))]
     fn file(_: &Path) -> std::io::Result<Self> {
-        Err(std::io::Error::new(std::io::ErrorKind::Unsupported, "there are socket files on Unix alone"))
+        Err(std::io::Error::new(std::io::ErrorKind::Unsupported, "socket files are supported on Unix only"))
     }
 
     async fn serve(self, router: axum::Router) -> std::io::Result<()> {
@@ -121,7 +121,7 @@ impl Listening {
         let (listener, address) = match &reach.socket {
             Some(path) => {
                 let wrong = |source| ViewError::Socket { path: path.clone(), source };
-                let port = if reach.port == 0 { FORWARDED } else { reach.port };
+                let port = if reach.port == 0 { FORWARDED_PORT } else { reach.port };
                 let listener = runtime.block_on(async { Listener::file(path) }).map_err(wrong)?;
                 (listener, SocketAddr::from((Ipv4Addr::LOCALHOST, port)))
             }

@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 /// Minimum time between copies of the scene.
 const PERIOD: Duration = Duration::from_secs(1);
 /// The same as a multiple of the time that a copy takes, during which the training waits.
-const RARELY: u32 = 60;
+const COPY_TIME_FACTOR: u32 = 60;
 /// Seconds of training over which the pace is measured.
 const PACE: f64 = 3.0;
 
@@ -231,7 +231,7 @@ impl<'a> Onlooker<'a> {
 impl Observer for Onlooker<'_> {
     fn look(&mut self, now: &Moment<'_>) -> Next {
         // a viewer of a training that gives no Gaussians was refused before
-        let Some(scene) = now.model.scene() else { return Next::GoOn };
+        let Some(scene) = now.model.scene() else { return Next::Continue };
         if self.copied.is_none() {
             self.begin(now, scene);
         }
@@ -244,7 +244,7 @@ impl Observer for Onlooker<'_> {
             let began = Instant::now();
             let copy = SceneCopy::of(now, scene);
             self.copied = Some(now.steps);
-            self.next = Instant::now() + PERIOD.max(RARELY * began.elapsed());
+            self.next = Instant::now() + PERIOD.max(COPY_TIME_FACTOR * began.elapsed());
             copy
         });
         let pace = self.pace(now);
@@ -262,6 +262,6 @@ impl Observer for Onlooker<'_> {
         if wakes {
             self.live.hub.wake();
         }
-        if paused { Next::Pause } else { Next::GoOn }
+        if paused { Next::Pause } else { Next::Continue }
     }
 }

@@ -21,7 +21,7 @@ impl SocketFile {
             Err(e) if e.kind() == ErrorKind::NotFound => {}
             Err(e) => return Err(e),
             Ok(found) if !found.file_type().is_socket() => {
-                return Err(io::Error::new(ErrorKind::AlreadyExists, "something else than a socket stands there"));
+                return Err(io::Error::new(ErrorKind::AlreadyExists, "the path exists and is not a socket"));
             }
             Ok(_) => match UnixStream::connect(path) {
                 Err(e) if e.kind() == ErrorKind::ConnectionRefused => std::fs::remove_file(path)?,
@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_line_names_this_machine_as_it_was_reached() {
+    fn the_ssh_command_names_this_machine_as_it_was_reached() {
         let line = |connection, user| forwarding(connection, user, 8137, "localhost:8137");
         let usual = line("10.0.0.2 51234 10.0.0.9 22", Some("ada"));
         assert_eq!(usual.unwrap(), "ssh -L 8137:localhost:8137 ada@10.0.0.9");
@@ -69,13 +69,13 @@ mod tests {
     }
 
     #[test]
-    fn only_a_dead_socket_gives_way() {
+    fn only_a_dead_socket_is_replaced() {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build().unwrap();
         let _inside = runtime.enter();
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("s");
         std::fs::write(&path, "mine").unwrap();
-        assert!(SocketFile::listen(&path).unwrap_err().to_string().contains("something else"));
+        assert!(SocketFile::listen(&path).unwrap_err().to_string().contains("is not a socket"));
         std::fs::remove_file(&path).unwrap();
         let (file, listener) = SocketFile::listen(&path).unwrap();
         assert!(SocketFile::listen(&path).unwrap_err().to_string().contains("another viewer"));

@@ -65,7 +65,7 @@ pub struct ViewOptions {
     pub cache: usize,
 }
 
-/// Serves the viewer until `stop` is raised; `ready` is told where it can be reached.
+/// Serves the viewer until `stop` is raised; `ready` receives where it can be reached.
 ///
 /// # Errors
 /// If the run cannot be opened, or the address cannot be used.

@@ -83,9 +83,9 @@ fn take_last(list: &mut Vec<Stack>, stack: Stack) {
     }
 }
 
-/// Keeps the last `most` changes of a history.
-fn forget_oldest(list: &mut Vec<Stack>, stack: Stack, most: usize) {
-    let mut over = list.iter().filter(|s| **s == stack).count().saturating_sub(most);
+/// Keeps the last `max_changes` changes of a history.
+fn forget_oldest(list: &mut Vec<Stack>, stack: Stack, max_changes: usize) {
+    let mut over = list.iter().filter(|s| **s == stack).count().saturating_sub(max_changes);
     list.retain(|s| {
         let goes = *s == stack && over > 0;
         over -= usize::from(goes);
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn whichever_changed_last_is_undone_and_comes_back_in_turn() {
+    fn the_latest_change_is_undone_first_and_redone_last() {
         use Stack::{Edits, Segments};
         let mut both = Both::default();
         assert_eq!((both.undo(), both.redo()), (None, None));
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_before_is_undone_edits_first_and_what_is_forgotten_not_at_all() {
+    fn earlier_changes_are_undone_edits_first_and_forgotten_ones_never() {
         use Stack::{Edits, Segments};
         let mut both = Both { steps: [Steps { undo: 50, redo: 1 }, Steps { undo: 2, redo: 0 }], ..Both::default() };
         assert_eq!((both.undo(), both.redo()), (Some(Edits), Some(Segments)));

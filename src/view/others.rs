@@ -46,7 +46,7 @@ impl Other {
 
     /// Returns what clients of `run` are told about it.
     #[must_use]
-    pub fn told(&self, run: &OpenRun) -> OtherRun {
+    pub fn describe(&self, run: &OpenRun) -> OtherRun {
         let other = &self.space.run;
         OtherRun {
             name: self.name.clone(),
@@ -77,7 +77,7 @@ fn differences(run: &OpenRun, other: &OpenRun) -> Option<String> {
     let mut found = Vec::new();
     let [ours, theirs] = [run, other].map(|r| r.record.fingerprint.as_str());
     if ours != theirs && !ours.is_empty() && !theirs.is_empty() {
-        found.push(format!("it was trained on other data, {}", other.record.dataset.display()));
+        found.push(format!("it was trained on different data, {}", other.record.dataset.display()));
     }
     let [ours, theirs] = [run, other].map(|r| r.config.stages.joint_steps);
     if theirs == 0 && ours > 0 {
@@ -88,7 +88,7 @@ fn differences(run: &OpenRun, other: &OpenRun) -> Option<String> {
         (r.scene.spec.centre(), f64::from(size))
     };
     if far_apart(place(run), place(other)) {
-        found.push("its scene has another place or size: the same camera may show little of it".to_owned());
+        found.push("its scene differs in position or size: the same camera may show little of it".to_owned());
     }
     (!found.is_empty()).then(|| found.join("; "))
 }
@@ -104,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_as_long_as_they_must_be() {
+    fn names_are_as_short_as_uniqueness_allows() {
         let of = |paths: &[&str]| names(&paths.iter().map(PathBuf::from).collect::<Vec<_>>());
         assert_eq!(of(&["/a/first", "/a/second"]), ["first", "second"]);
         assert_eq!(of(&["/a/run", "/b/run", "/c/other"]), ["a/run", "b/run", "other"]);
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn scenes_of_another_place_or_size_are_far_apart() {
+    fn scenes_that_differ_in_position_or_size_are_far_apart() {
         let at = |x: f64, size: f64| (DVec3::new(x, 0.0, 0.0), size);
         assert!(!far_apart(at(0.0, 1.0), at(0.2, 1.3)) && !far_apart(at(0.0, 1.0), at(0.0, 2.0)));
         assert!(far_apart(at(0.0, 1.0), at(0.0, 2.1)) && far_apart(at(0.0, 1.0), at(0.0, 0.4)));

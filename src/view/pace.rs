@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 /// Maximum number of frames that a client has not acknowledged yet.
-const AHEAD: usize = 2;
+const MAX_AHEAD: usize = 2;
 /// Time after the last change of the view from which it counts as at rest.
 pub const REST: Duration = Duration::from_millis(150);
 /// Approximate maximum time to draw a frame of a moving view, in milliseconds.
@@ -18,7 +18,7 @@ const SAMPLES: usize = 4;
 /// Sides of a picture of a moving view, as fractions of the full ones.
 const LADDER: [f64; 4] = [1.0, 0.75, 0.5, 1.0 / 3.0];
 /// Weight of a new measurement.
-const NEW: f64 = 0.3;
+const NEW_WEIGHT: f64 = 0.3;
 
 /// What is drawn next for a client.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,7 +104,7 @@ impl Pace {
         };
         if next != Next::Lossless {
             let new = ms / pixels.max(1) as f64;
-            self.ms_per_pixel = Some(self.ms_per_pixel.map_or(new, |old| (1.0 - NEW) * old + NEW * new));
+            self.ms_per_pixel = Some(self.ms_per_pixel.map_or(new, |old| (1.0 - NEW_WEIGHT) * old + NEW_WEIGHT * new));
         }
     }
 
@@ -123,7 +123,7 @@ impl Pace {
     /// Returns what to draw now, for a picture of `pixels` at full size.
     #[must_use]
     pub fn next(&self, now: Instant, pixels: usize) -> Next {
-        if self.on_their_way.len() >= AHEAD {
+        if self.on_their_way.len() >= MAX_AHEAD {
             return Next::Wait;
         }
         let rests_at = self.changed + REST;
@@ -202,7 +202,7 @@ mod tests {
         pace.sent(start, Next::Lossless, 3, PIXELS, 260.0);
         assert!(!pace.keeps_up() && !pace.is_done());
         pace.acknowledges(start, 3);
-        assert_eq!(pace.next(later, PIXELS), Next::Wait, "all is shown");
+        assert_eq!(pace.next(later, PIXELS), Next::Wait, "everything is shown");
         assert!(pace.is_done());
     }
 
@@ -246,11 +246,11 @@ mod tests {
     #[test]
     fn a_slow_connection_gets_smaller_frames_and_enough_of_them() {
         // 10, 40 and 95 kB over 2 Mbit/s
-        for (ms, least) in [(40.0, 1.0), (160.0, 0.75), (380.0, 0.5)] {
+        for (ms, min_part) in [(40.0, 1.0), (160.0, 0.75), (380.0, 0.5)] {
             let (rate, part) = far_away(ms);
-            assert!(rate >= 5.0 && part == least, "{ms} ms a full frame: {rate} frames/s, {part}");
+            assert!(rate >= 5.0 && part == min_part, "{ms} ms per full frame: {rate} frames/s, {part}");
         }
         let (rate, part) = far_away(1.0);
-        assert!(rate > 8.0 && part == 1.0, "the delay alone makes no frame smaller: {rate} {part}");
+        assert!(rate > 8.0 && part == 1.0, "the delay alone must not make frames smaller: {rate} {part}");
     }
 }

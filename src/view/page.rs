@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn each_module_that_another_imports_is_there() {
+    fn every_imported_module_is_listed() {
         for file in MODULES {
             let text = std::str::from_utf8(file.bytes).unwrap();
             for line in text.lines().filter(|l| l.starts_with("import ")) {

@@ -72,7 +72,8 @@ impl Newer {
     pub fn begin(&mut self, path: &Path, device: &Device) -> Result<(), RunError> {
         let (path, device) = (path.to_owned(), device.clone());
         let thread = std::thread::Builder::new().name("checkpoint".into()).spawn(move || Read::new(&path, &device));
-        self.0 = Some(thread.map_err(|e| RunError::failure(format!("no thread to read a checkpoint: {e}")))?);
+        self.0 =
+            Some(thread.map_err(|e| RunError::failure(format!("cannot start a thread to read the checkpoint: {e}")))?);
         Ok(())
     }
 
@@ -85,6 +86,6 @@ impl Newer {
     /// Takes what was read; `None` while it is being read.
     pub fn take(&mut self) -> Option<Result<Read, RunError>> {
         let thread = self.0.take_if(|thread| thread.is_finished())?;
-        Some(thread.join().unwrap_or_else(|_| Err(RunError::failure("a checkpoint cannot be read"))))
+        Some(thread.join().unwrap_or_else(|_| Err(RunError::failure("the newer checkpoint cannot be read"))))
     }
 }

@@ -6,7 +6,7 @@ use crate::run::RunError;
 #[derive(Debug, thiserror::Error)]
 pub enum ChangeError {
     /// The document has been changed meanwhile.
-    #[error("segments or edits were changed meanwhile; look at them and try again")]
+    #[error("segments or edits were changed meanwhile; review them and try again")]
     Stale,
     /// The document is of an older checkpoint.
     #[error("a newer checkpoint of the run is being read; try again in a moment")]
@@ -15,10 +15,10 @@ pub enum ChangeError {
     #[error("this viewer was started with --read-only")]
     ReadOnly,
     /// The scene is still being trained.
-    #[error("this run is being trained here; segments and edits can be made once that is over, in `volseggs view`")]
+    #[error("this run is being trained here; make segments and edits once that has ended, in `volseggs view`")]
     InTraining,
     /// There is nothing to pause.
-    #[error("no training goes on in this viewer")]
+    #[error("no training is running in this viewer")]
     NoTraining,
     /// It cannot be done.
     #[error(transparent)]

@@ -22,7 +22,7 @@ use tokio::task::spawn_blocking;
 use tokio::time::timeout;
 
 /// Maximum number of clients at once.
-const CLIENTS: usize = 8;
+const MAX_CLIENTS: usize = 8;
 /// Number of messages that may wait for a client; a client for which more wait is dropped.
 const QUEUE: usize = 256;
 /// Maximum time that a client may take for a message.
@@ -72,7 +72,7 @@ async fn admit(State(shared): State<Shared>, request: HttpRequest, next: Next) -
     let (guard, headers) = (&shared.guard, request.headers());
     let token = request.uri().query().and_then(|q| q.strip_prefix("token="));
     let mut response = if !guard.allows_host(text(headers, &header::HOST)) {
-        (StatusCode::FORBIDDEN, "this name is not one of the server's; see --allow-host").into_response()
+        (StatusCode::FORBIDDEN, "this host name is not allowed; see --allow-host").into_response()
     } else if token.is_some_and(|token| guard.allows_token(token)) {
         // even if the client has the cookie: the secret must not stay in the address
         let cookie = guard.set_cookie();
@@ -80,7 +80,7 @@ async fn admit(State(shared): State<Shared>, request: HttpRequest, next: Next) -
     } else if guard.allows_cookie(text(headers, &header::COOKIE)) {
         next.run(request).await
     } else if token.is_some() {
-        (StatusCode::FORBIDDEN, "the token is not that of this server").into_response()
+        (StatusCode::FORBIDDEN, "the token does not belong to this server").into_response()
     } else {
         (StatusCode::FORBIDDEN, "open the whole address that `volseggs view` printed, with its token").into_response()
     };
@@ -97,9 +97,9 @@ async fn admit(State(shared): State<Shared>, request: HttpRequest, next: Next) -
 
 async fn socket(State(shared): State<Shared>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response<Body> {
     if !shared.guard.allows_origin(text(&headers, &header::ORIGIN), text(&headers, &header::HOST)) {
-        return (StatusCode::FORBIDDEN, "not a page of this server").into_response();
+        return (StatusCode::FORBIDDEN, "the request does not come from a page of this server").into_response();
     }
-    if shared.here.fetch_add(1, Ordering::SeqCst) >= CLIENTS {
+    if shared.here.fetch_add(1, Ordering::SeqCst) >= MAX_CLIENTS {
         shared.here.fetch_sub(1, Ordering::SeqCst);
         return (StatusCode::SERVICE_UNAVAILABLE, "too many windows are open; close one").into_response();
     }
@@ -147,13 +147,13 @@ async fn talk(mut socket: WebSocket, shared: &Shared) {
     }
     shared.hub.tell(id, Event::Left);
     if ended {
-        part(socket).await;
+        close(socket).await;
     }
 }
 
 /// Ends a connection after the last message. What arrived meanwhile is read, as dropping a connection with unread data
 /// would discard what was sent.
-async fn part(mut socket: WebSocket) {
+async fn close(mut socket: WebSocket) {
     let closing = async {
         if socket.send(Message::Close(None)).await.is_ok() {
             while let Some(Ok(_)) = socket.recv().await {}
@@ -172,7 +172,7 @@ async fn hear(shared: &Shared, id: ClientId, text: &str, out: &mpsc::Sender<Outg
             shared.hub.tell(id, Event::Said(Box::new(request)));
         }
         Err(error) => {
-            let message = format!("not understood: {}", plain(&error.to_string()));
+            let message = format!("invalid request: {}", plain(&error.to_string()));
             // a client that waits for an answer gets the error
             let id = serde_json::from_str::<serde_json::Value>(text).ok().and_then(|request| request["id"].as_u64());
             let id = id.and_then(|id| u32::try_from(id).ok());

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 /// Maximum number of changes that are computed at once; further ones are refused.
-const AT_ONCE: usize = 4;
+const MAX_AT_ONCE: usize = 4;
 
 /// Who requested a change, and of what.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,7 +53,7 @@ impl Slow {
         mut segments: RunSegments,
         change: impl FnOnce(&OpenRun, &mut RunSegments) -> Result<(), RunError> + Send + 'static,
     ) -> Result<(), RunError> {
-        if self.running.len() >= AT_ONCE {
+        if self.running.len() >= MAX_AT_ONCE {
             return Err(RunError::input("other changes of the segments are under way; try again in a moment"));
         }
         let (hub, (out, found)) = (self.hub.clone(), channel());
@@ -94,5 +94,5 @@ impl Slow {
 }
 
 fn failed() -> RunError {
-    RunError::failure("the viewer failed at this; it goes on")
+    RunError::failure("an internal error stopped this; the viewer continues")
 }

@@ -120,7 +120,7 @@ impl Tracks {
     /// If the number of times is out of range, or no segment is named.
     pub fn ask(&mut self, wanted: Wanted) -> Result<(), String> {
         if !TIMES.contains(&wanted.times) {
-            return Err(format!("times: {} to {}", TIMES.start(), TIMES.end()));
+            return Err(format!("times: must be between {} and {}", TIMES.start(), TIMES.end()));
         }
         if wanted.segments.is_empty() {
             return Err("segments: name at least one".into());
@@ -169,7 +169,7 @@ impl Tracks {
                 Ok(Ok(Some(track))) => Ok(track),
                 Ok(Ok(None)) => Err((id, replaced())),
                 Ok(Err(error)) => Err((id, error.to_string())),
-                Err(_) => Err((id, "the viewer failed at this; it goes on".into())),
+                Err(_) => Err((id, "an internal error stopped this; the viewer continues".into())),
             };
             // nobody listens any more if the viewer closes
             let _ = out.send((client, found));
@@ -178,7 +178,7 @@ impl Tracks {
         let thread = std::thread::Builder::new().name("tracks".into()).spawn(work);
         match thread {
             Ok(thread) => self.running = Some((client, stop, thread)),
-            Err(error) => self.refused.push((client, Err((id, format!("no thread for this: {error}"))))),
+            Err(error) => self.refused.push((client, Err((id, format!("cannot start a thread for this: {error}"))))),
         }
     }
 
@@ -200,7 +200,7 @@ impl Drop for Tracks {
 }
 
 fn replaced() -> String {
-    "something else was asked for meanwhile".into()
+    "replaced by a newer request".into()
 }
 
 fn follow(wanted: Wanted, stop: &AtomicBool) -> Result<Option<Track>, RunError> {
@@ -218,7 +218,7 @@ mod tests {
     use crate::track::events::{Event, Tracking};
 
     #[test]
-    fn what_goes_on_is_no_event() {
+    fn continuing_parts_are_not_events() {
         let event = |kind, parents: &[u32], children: &[u32]| Event {
             time_from: 0.5,
             time_to: 0.6,

@@ -16,7 +16,7 @@ use thiserror::Error;
 /// Bytes per voxel, beside its value, while parts are searched.
 pub const VOXEL_BYTES: usize = 10;
 /// Default minimum size of a part in voxels: a cube of four voxels a side.
-pub const SMALLEST: usize = 64;
+pub const DEFAULT_MIN_VOXELS: usize = 64;
 
 /// Which voxels form parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,7 +36,7 @@ pub enum PartsError {
     /// No part was found.
     #[error(
         "no part of {} or more voxels has values of {} or more at any of {steps} steps; the largest value is {largest}. \
-         Choose a lower value or a smaller part",
+         Choose a lower value or a smaller minimum size",
         options.smallest, options.value
     )]
     None {
@@ -50,7 +50,7 @@ pub enum PartsError {
     /// There are more parts than ids.
     #[error(
         "more than 65535 parts of {} or more voxels with values of {} or more by step {step}. Choose another value or a \
-         larger smallest part",
+         larger minimum size",
         options.smallest, options.value
     )]
     TooMany {
@@ -189,14 +189,14 @@ impl Parts {
                 out.count = out.count.checked_add(1).ok_or(PartsError::TooMany { options, step })?;
                 *id = out.count;
             }
-            let mut told = vec![false; usize::from(out.count) + 1];
+            let mut reported = vec![false; usize::from(out.count) + 1];
             for (_, id, number) in shared {
                 let now = ids[number as usize - 1];
                 let ended = (!taken[usize::from(id)]).then_some((id, true, now));
                 let begun = (now > known).then_some((now, false, id));
                 // largest overlap first
                 for (id, ends, other) in [ended, begun].into_iter().flatten() {
-                    if !std::mem::replace(&mut told[usize::from(id)], true) {
+                    if !std::mem::replace(&mut reported[usize::from(id)], true) {
                         out.changes.push(PartChange { step, id, ends, other: Some(other) });
                     }
                 }
@@ -204,7 +204,7 @@ impl Parts {
             if let Some(last) = out.ids.last() {
                 let ended = last.iter().filter(|id| !taken[usize::from(**id)]).map(|id| (*id, true));
                 let begun = ids.iter().filter(|id| **id > known).map(|id| (*id, false));
-                let alone = ended.chain(begun).filter(|(id, _)| !told[usize::from(*id)]);
+                let alone = ended.chain(begun).filter(|(id, _)| !reported[usize::from(*id)]);
                 out.changes.extend(alone.map(|(id, ends)| PartChange { step, id, ends, other: None }));
             }
             before.clear();

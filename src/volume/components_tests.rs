@@ -60,7 +60,7 @@ fn changes(steps: &[&[&str]]) -> Vec<String> {
 }
 
 #[test]
-fn what_ends_and_begins_is_told_with_what_it_merges_into_or_splits_off() {
+fn ends_and_beginnings_name_the_part_merged_into_or_split_from() {
     assert_eq!(changes(&[&["###.##.#"], &["######.#"], &["######.#"], &["###.##.#"]]), ["1: 2>1", "3: 4<1"]);
     // three into one at once; one into two, and one of those into two again
     assert_eq!(changes(&[&["####.##.#"], &["#########"]]), ["1: 2>1", "1: 3>1"]);
@@ -85,7 +85,7 @@ fn a_split_gives_the_larger_part_the_old_id() {
 }
 
 #[test]
-fn what_moves_keeps_its_id_and_what_jumps_does_not() {
+fn parts_that_move_keep_their_id_and_parts_that_jump_do_not() {
     let found = followed(&[&["##....#"], &[".##...."], &["..##..#"]], ANY);
     assert_eq!(found, ["11....2", ".11....", "..11..3"]);
 }
@@ -101,7 +101,7 @@ fn ids_exchange_only_by_overlap() {
 }
 
 #[test]
-fn small_parts_and_poison_are_left_out() {
+fn small_parts_and_non_finite_values_are_skipped() {
     let small = PartOptions { smallest: 3, ..ANY };
     assert_eq!(followed(&[&["##.###.oo#"]], small), ["...111.222"]);
     // NaN is not above any value, and separates its neighbours
@@ -114,7 +114,7 @@ fn small_parts_and_poison_are_left_out() {
 }
 
 #[test]
-fn an_empty_step_ends_all_and_nothing_at_all_is_an_error() {
+fn an_empty_step_ends_all_parts_and_a_series_without_parts_is_an_error() {
     assert_eq!(followed(&[&["##"], &[".."], &["##"]], ANY), ["11", "..", "22"]);
     let volume = slice(&["#o."]);
     let follow = |options| Parts::follow(&volume.grid, 2, options, |_| Ok(volume.clone()));
@@ -126,7 +126,7 @@ fn an_empty_step_ends_all_and_nothing_at_all_is_an_error() {
 }
 
 #[test]
-fn ids_run_out_with_a_word() {
+fn running_out_of_ids_is_an_error() {
     let dims = [512, 300, 1];
     let grid = Grid::unit(dims);
     let dots = |i: usize| if i % 2 == (i / 512) % 2 { 1.0 } else { 0.0 };

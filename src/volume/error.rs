@@ -37,7 +37,7 @@ impl VolumeError {
     #[must_use]
     pub fn is_input(&self) -> bool {
         match self {
-            Self::Io { source, .. } => crate::files::is_mendable(source),
+            Self::Io { source, .. } => crate::files::is_user_error(source),
             Self::Invalid { .. } => true,
         }
     }

@@ -73,8 +73,8 @@ pub fn transfer_picture(
     let mut image = RgbImage::from_pixel(SIZE[0], SIZE[1], Rgb([255; 3]));
     let data = if span[1] > span[0] { span } else { [span[0], span[0] + span[0].abs().max(1.0)] };
     let own = tf.span(span);
-    let most = tf.opacity.iter().fold(0.0_f32, |m, p| m.max(p.1));
-    let top = [0.05, 0.1, 0.2, 0.5, 1.0].into_iter().find(|t| most <= *t).unwrap_or(1.0);
+    let max_opacity = tf.opacity.iter().fold(0.0_f32, |m, p| m.max(p.1));
+    let top = [0.05, 0.1, 0.2, 0.5, 1.0].into_iter().find(|t| max_opacity <= *t).unwrap_or(1.0);
     let frame = Frame { low: data[0].min(own[0]), high: data[1].max(own[1]), span: own, top };
     grid(&mut image, &frame);
     let range = if range[1] > range[0] { range } else { data };
@@ -290,10 +290,10 @@ fn centered(image: &mut RgbImage, x: f32, y: u32, color: [u8; 3], text: &str) {
     draw_text(image, left.round().max(0.0) as u32, y, 1, color, text);
 }
 
-/// The characters of a text that the font can draw, others as spaces, cut to `most` characters.
-fn printable(text: &str, most: usize) -> String {
+/// The characters of a text that the font can draw, others as spaces, cut to `max_length` characters.
+fn printable(text: &str, max_length: usize) -> String {
     let known = |c: char| if c.is_ascii_alphanumeric() || " .:-/%_".contains(c) { c } else { ' ' };
-    text.chars().take(most).map(known).collect()
+    text.chars().take(max_length).map(known).collect()
 }
 
 #[cfg(test)]

@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 const CHUNK: usize = 1 << 16;
 
 /// Maximum number of values of small steps that are read together.
-const TOGETHER: usize = 1 << 24;
+const MAX_TOGETHER: usize = 1 << 24;
 
 /// Maximum relative difference between the spacings of two files.
 const SPACING_TOLERANCE: f64 = 1e-6;
@@ -79,7 +79,7 @@ impl Series {
             notes.push(format!("the files differ in scalar type, the first is {}", header.scalar.name()));
         }
         if gaps && options.times.is_none() {
-            notes.push("numbers are missing in the file names, the steps are taken as evenly spaced in time".into());
+            notes.push("numbers are missing in the file names, the steps are assumed evenly spaced in time".into());
         }
         let steps = if files.len() == 1 { header.steps } else { files.len() };
         let times = normalised(&files[0], steps, options.times.as_deref())?;
@@ -151,7 +151,7 @@ impl Series {
         let path = self.read_as_stored(step, &mut values)?;
         let label = |v: f32| (0.0..=65535.0).contains(&v) && v.fract() == 0.0;
         if let Some((count, at)) = offenders(&values, |v| !label(v)) {
-            let problem = format!("{count} voxels are no labels, the first holds {}", values[at]);
+            let problem = format!("{count} voxels are not labels, the first holds {}", values[at]);
             let hint = "labels are whole numbers from 0 to 65535, 0 for no segment";
             return Err(VolumeError::invalid(path, self.voxel(at), problem, hint));
         }
@@ -171,7 +171,7 @@ impl Series {
         let merge = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
         let (mut range, mut values) = (widest, Vec::new());
         // many small steps of one file are read together: compressed files are decompressed from the start each time
-        let at_a_time = if self.files.len() > 1 { 1 } else { (TOGETHER / self.header.grid.len().max(1)).max(1) };
+        let at_a_time = if self.files.len() > 1 { 1 } else { (MAX_TOGETHER / self.header.grid.len().max(1)).max(1) };
         for first in (0..self.len()).step_by(at_a_time) {
             self.read_range(first..self.len().min(first + at_a_time), &mut values)?;
             let part = |c: &[f32]| c.iter().fold(widest, |r, &v| merge(r, [v, v]));
@@ -249,7 +249,7 @@ impl Series {
     fn read_as_stored(&self, step: usize, values: &mut Vec<f32>) -> Result<&Path, VolumeError> {
         if step >= self.len() {
             let problem = format!("there is no step {step}, the series has {}", self.len());
-            return Err(VolumeError::invalid(&self.files[0], "step", problem, "ask for a step from 0 on"));
+            return Err(VolumeError::invalid(&self.files[0], "step", problem, "steps are counted from 0"));
         }
         let (file, k) = self.place(step);
         let path = &self.files[file];
@@ -294,10 +294,11 @@ fn compare(first: &Path, header: &Header, path: &Path, other: &Header, notes: &m
     let (a, b) = (&header.grid, &other.grid);
     let differ = |field: &str, ours: String, theirs: String| {
         let problem = format!("is {ours}, but {theirs} in {}", first.display());
-        Err(VolumeError::invalid(path, field, problem, "a series needs one grid: resample the files or leave one out"))
+        let hint = "a series needs one grid: resample the files or omit those that differ";
+        Err(VolumeError::invalid(path, field, problem, hint))
     };
     if let Some(steps) = [header.steps, other.steps].into_iter().find(|&s| s > 1) {
-        let problem = format!("{} and {} are several files, one of {steps} steps", first.display(), path.display());
+        let problem = format!("of the files {} and {}, one has {steps} steps", first.display(), path.display());
         return Err(VolumeError::invalid(path, "steps", problem, "give one 4D file alone, or files of one step each"));
     }
     if a.dims != b.dims {
@@ -307,7 +308,7 @@ fn compare(first: &Path, header: &Header, path: &Path, other: &Header, notes: &m
         return differ("spacing", format!("{:?}", b.spacing), format!("{:?}", a.spacing));
     }
     if a.origin != b.origin {
-        notes.add(path, &["the origin differs from that of the first file, which is taken".to_owned()]);
+        notes.add(path, &["the origin differs from that of the first file, which is used".to_owned()]);
     }
     notes.add(path, &other.notes);
     Ok(())
@@ -321,7 +322,8 @@ fn normalised(path: &Path, steps: usize, times: Option<&[f64]>) -> Result<Vec<f6
         return bad(format!("{} times are given for {steps} steps", times.len()), "give one time for each step");
     }
     if let Some(i) = (0..steps).find(|&i| !times[i].is_finite() || (i > 0 && times[i] <= times[i - 1])) {
-        return bad(format!("time {i}, {}, does not follow the one before", times[i]), "give finite, increasing times");
+        let problem = format!("time {i}, {}, is not finite or not above the previous one", times[i]);
+        return bad(problem, "give finite, increasing times");
     }
     let (t0, t1) = (times[0], times[steps - 1]);
     // Halves keep the difference of huge times finite.

@@ -117,7 +117,7 @@ pub fn python_with(package: &str, need: Need) -> Option<String> {
 #[must_use]
 pub fn test_data(below: &str, need: Need) -> Option<PathBuf> {
     let Some(root) = std::env::var_os("VOLSEGGS_TEST_DATA") else {
-        skip(need, &format!("VOLSEGGS_TEST_DATA is not set, a folder with {below}"));
+        skip(need, &format!("VOLSEGGS_TEST_DATA, a folder with {below}, is not set"));
         return None;
     };
     let root = Path::new(&root);
@@ -126,7 +126,7 @@ pub fn test_data(below: &str, need: Need) -> Option<PathBuf> {
     if path.exists() {
         return Some(path);
     }
-    skip(need, &format!("VOLSEGGS_TEST_DATA has no {below}: there is no {}", path.display()));
+    skip(need, &format!("VOLSEGGS_TEST_DATA has no {below}: {} does not exist", path.display()));
     None
 }
 
@@ -135,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_skipped_test_says_which_why_and_how_to_make_it_fail() {
+    fn a_skipped_test_reports_its_name_the_reason_and_the_variable() {
         let line = verdict(Need::Slurm, "there is no sbatch\n", "sweeps::local", false).unwrap();
         assert_eq!(line, "skipped: sweeps::local: there is no sbatch (VOLSEGGS_REQUIRE_SLURM=1 makes this a failure)");
         let message = verdict(Need::Slurm, "there is no sbatch", "sweeps::local", true).unwrap_err();
@@ -167,7 +167,7 @@ mod tests {
         let known = Need::ALL.map(Need::variable);
         for text in [&table, &script] {
             for word in words_of(text).filter(|w| w.starts_with("VOLSEGGS_REQUIRE_") && *w != "VOLSEGGS_REQUIRE_") {
-                assert!(known.contains(&word), "no test knows {word}");
+                assert!(known.contains(&word), "no test uses {word}");
             }
         }
     }
@@ -184,14 +184,14 @@ mod tests {
 
     /// What [`rerun`] runs.
     #[test]
-    #[ignore = "skips itself; another test runs it and reads what it says"]
+    #[ignore = "skips itself; another test runs it and reads its output"]
     fn child() {
         assert_eq!(python_with("there_is_no_such_package", Need::Vtk), None);
         assert_eq!(test_data("no/such/data", Need::Data), None);
     }
 
     #[test]
-    fn skipping_is_heard_past_the_capture_and_fails_where_it_is_required() {
+    fn skipping_is_reported_despite_the_capture_and_fails_where_required() {
         let nowhere = std::env::temp_dir();
         let nowhere = nowhere.to_str().unwrap();
         for data in [None, Some(("VOLSEGGS_TEST_DATA", nowhere))] {
@@ -207,7 +207,10 @@ mod tests {
             for need in [Need::Vtk, Need::Data] {
                 let output = rerun(&[&data[..], &[(need.variable(), "1")]].concat());
                 assert!(!output.status.success(), "{output:?}");
-                assert!(rerun(&[&data[..], &[(need.variable(), "")]].concat()).status.success(), "empty is not set");
+                assert!(
+                    rerun(&[&data[..], &[(need.variable(), "")]].concat()).status.success(),
+                    "an empty variable counts as unset"
+                );
             }
         }
         let output = rerun(&[("VOLSEGGS_TEST_DATA", "/no/such/folder")]);

@@ -1,7 +1,7 @@
 //! What must hold at any moment, and at the end.
 
 use crate::files::{Snapshot, fits};
-use crate::jobs::{Job, tells_the_time};
+use crate::jobs::{Job, depends_on_the_clock};
 use crate::whole::{whole, whole_dataset};
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -11,29 +11,31 @@ use volseggs::train::checkpoint;
 /// command that was left alone. `after` is empty when that one is checked itself.
 pub fn faults(job: &Job, folder: &Path, before: &Snapshot, now: &Snapshot, after: &Snapshot) -> Vec<String> {
     let mut faults = Vec::new();
-    let may = |path: &str| fits(&job.may, path) && !fits(&job.but, path);
+    let may = |path: &str| fits(&job.writable, path) && !fits(&job.except, path);
     for (path, old) in before {
         match now.get(path) {
-            None if !fits(&job.goes, path) => faults.push(format!("{path} was there before and is gone")),
-            Some(new) if new != old && !may(path) => faults.push(format!("{path} changed, which {} may not", job.name)),
+            None if !fits(&job.removable, path) => faults.push(format!("{path} existed before and is missing")),
+            Some(new) if new != old && !may(path) => {
+                faults.push(format!("{path} changed, although {} must not change it", job.name))
+            }
             _ => {}
         }
     }
     for (path, bytes) in now {
         let old = before.get(path);
         if old.is_none() && !may(path) {
-            faults.push(format!("{path} came into being, which {} may not make", job.name));
+            faults.push(format!("{path} was created, although {} must not create it", job.name));
         }
         if old == Some(bytes) {
             continue;
         }
         if let Err(e) = whole(&folder.join(path)) {
-            faults.push(format!("{path} is not whole ({} bytes): {e}", bytes.len()));
+            faults.push(format!("{path} is incomplete or damaged ({} bytes): {e}", bytes.len()));
         }
-        let neither = !tells_the_time(path) && after.get(path).is_some_and(|new| new != bytes);
+        let neither = !depends_on_the_clock(path) && after.get(path).is_some_and(|new| new != bytes);
         if neither {
             faults.push(format!(
-                "{path} ({} bytes) is neither as it was ({:?}) nor as a command left alone makes it ({:?})",
+                "{path} ({} bytes) is neither as before ({:?}) nor as an undisturbed command leaves it ({:?})",
                 bytes.len(),
                 old.map(Vec::len),
                 after.get(path).map(Vec::len)
@@ -41,7 +43,7 @@ pub fn faults(job: &Job, folder: &Path, before: &Snapshot, now: &Snapshot, after
         }
     }
     if !after.is_empty() {
-        faults.extend(job.at_once.iter().filter_map(|part| mixed(part, before, now, after)));
+        faults.extend(job.atomic.iter().filter_map(|part| mixed(part, before, now, after)));
     }
     faults.extend(folders(folder, now));
     faults
@@ -52,7 +54,9 @@ fn mixed(part: &str, before: &Snapshot, now: &Snapshot, after: &Snapshot) -> Opt
     let prefix = format!("{part}/");
     let of = |all: &Snapshot| -> Snapshot {
         let inside = all.iter().filter(|(path, _)| path.starts_with(&prefix));
-        inside.map(|(path, b)| (path.clone(), if tells_the_time(path) { Vec::new() } else { b.clone() })).collect()
+        inside
+            .map(|(path, b)| (path.clone(), if depends_on_the_clock(path) { Vec::new() } else { b.clone() }))
+            .collect()
     };
     let (old, there, new) = (of(before), of(now), of(after));
     if there == old || there == new {
@@ -63,8 +67,8 @@ fn mixed(part: &str, before: &Snapshot, now: &Snapshot, after: &Snapshot) -> Opt
         set.into_iter().take(5).cloned().collect()
     };
     Some(format!(
-        "{part} is neither wholly as it was nor wholly as it will be: not as before {:?}, not as after {:?}, missing of \
-         what comes {:?}",
+        "{part} is neither entirely as before nor entirely as after: differs from before {:?}, differs from after {:?}, \
+         missing or different {:?}",
         names(&there, &old),
         names(&there, &new),
         names(&new, &there)
@@ -98,7 +102,7 @@ fn folders(folder: &Path, now: &Snapshot) -> Vec<String> {
         &["statistics.json", "statistics.csv", "events.csv", "tracks.csv", "over-time.svg", "times.png"],
     );
     if now.keys().any(|p| p.starts_with("new/")) && !now.contains_key("new/run.json") {
-        faults.push("new holds files of a run and no run.json".into());
+        faults.push("new holds files of a run but no run.json".into());
     }
     faults
 }

@@ -23,35 +23,35 @@ pub struct Job {
     pub name: &'static str,
     pub arguments: Vec<String>,
     /// Paths that it may create and change; `*` matches across folders too.
-    pub may: Vec<String>,
+    pub writable: Vec<String>,
     /// Exceptions to these paths.
-    pub but: Vec<String>,
+    pub except: Vec<String>,
     /// Paths that it may remove.
-    pub goes: Vec<String>,
+    pub removable: Vec<String>,
     /// Folders that must be entirely in their old state or entirely in their new one.
-    pub at_once: Vec<String>,
+    pub atomic: Vec<String>,
     pub again: Again,
 }
 
 impl Job {
-    fn new(name: &'static str, line: &str, may: &[&str]) -> Self {
-        let may = owned(may);
+    fn new(name: &'static str, line: &str, writable: &[&str]) -> Self {
+        let writable = owned(writable);
         let arguments = words(line);
-        Self { name, arguments, may, but: vec![], goes: vec![], at_once: vec![], again: Again::Same }
+        Self { name, arguments, writable, except: vec![], removable: vec![], atomic: vec![], again: Again::Same }
     }
 
-    fn but(mut self, patterns: &[&str]) -> Self {
-        self.but = owned(patterns);
+    fn except(mut self, patterns: &[&str]) -> Self {
+        self.except = owned(patterns);
         self
     }
 
-    fn goes(mut self, patterns: &[&str]) -> Self {
-        self.goes = owned(patterns);
+    fn removable(mut self, patterns: &[&str]) -> Self {
+        self.removable = owned(patterns);
         self
     }
 
-    fn at_once(mut self, folders: &[&str]) -> Self {
-        self.at_once = owned(folders);
+    fn atomic(mut self, folders: &[&str]) -> Self {
+        self.atomic = owned(folders);
         self
     }
 
@@ -66,7 +66,7 @@ fn owned(list: &[&str]) -> Vec<String> {
 }
 
 /// Whether a file holds a time or a duration, and so is never the same twice.
-pub fn tells_the_time(path: &str) -> bool {
+pub fn depends_on_the_clock(path: &str) -> bool {
     const CLOCKS: [&str; 6] =
         ["*/run.json", "*/metrics.jsonl", "*/state.json", "*/tensorboard/*", "*/mean.json", "*/prepare.json"];
     crate::files::fits(&owned(&CLOCKS), path)
@@ -80,7 +80,7 @@ pub fn jobs(world: &World) -> Vec<Job> {
     let segments = ["run/segments/*"];
     let made_from_masks = ["run/segments/masks*", "run/segments/affinity*"];
     let prepare_new = Again::Folder("fresh");
-    let mut train = Job::new("train", "", &["new/*"]).goes(&["new/checkpoints/*"]).again(Again::Train("new"));
+    let mut train = Job::new("train", "", &["new/*"]).removable(&["new/checkpoints/*"]).again(Again::Train("new"));
     train.arguments = world.training("new", &[]);
     let mut layout = Job::new("inspect --picture", "inspect DATA --picture layout.png", &["layout.png"]);
     layout.arguments[1] = world.data();
@@ -88,25 +88,25 @@ pub fn jobs(world: &World) -> Vec<Job> {
     let mut all = vec![
         train,
         Job::new("train --resume", "train --resume half", &["half/*"])
-            .goes(&["half/checkpoints/*"])
+            .removable(&["half/checkpoints/*"])
             .again(Again::Train("half")),
         Job::new("segment coarse", "segment coarse run --clusters 2 --keep-outliers --replace", &segments)
-            .but(&made_from_masks)
-            .goes(&["run/segments/*.png"]),
+            .except(&made_from_masks)
+            .removable(&["run/segments/*.png"]),
         Job::new("segment masks", "segment masks run --views 3 --size 24", &["run/segments/masks*"]),
         Job::new("segment masks --pictures", "segment masks run --pictures --views 3", &["run/segments/pictures*"])
-            .at_once(&["run/segments/pictures"])
+            .atomic(&["run/segments/pictures"])
             .again(Again::Folder("run/segments/pictures")),
         Job::new("segment fine", "segment fine run --steps 10 --pixels 64 --seed 1", &["run/segments/affinity*"]),
-        Job::new("segment split", &format!("segment split run {a} --clusters 2"), &segments).but(&made_from_masks),
+        Job::new("segment split", &format!("segment split run {a} --clusters 2"), &segments).except(&made_from_masks),
         Job::new("segment pick", &format!("segment pick run {CAMERA} --pixel {pixel} --name picked"), &segments)
-            .but(&made_from_masks)
+            .except(&made_from_masks)
             .again(Again::Segment("picked")),
         Job::new("segment group", &format!("segment group run both {a} {b}"), &segments)
-            .but(&made_from_masks)
+            .except(&made_from_masks)
             .again(Again::Segment("both")),
         Job::new("segment remove", "segment remove run extra", &segments)
-            .but(&made_from_masks)
+            .except(&made_from_masks)
             .again(Again::NoSegment("extra")),
         Job::new("edit recolour", &format!("edit recolour run --segment {a} --colour #ff8800"), &["run/edits*"]),
         Job::new("edit undo", "edit undo run", &["run/edits*"]),
@@ -117,35 +117,35 @@ pub fn jobs(world: &World) -> Vec<Job> {
             &format!("track run --segment {a} --segment {b} --frames 3 --renders --size 16"),
             &["run/track/*"],
         )
-        .goes(&["run/track/*"])
-        .at_once(&tracks),
-        Job::new("eval", "eval run --views 4", &["run/eval/*"]).goes(&["run/eval/*"]),
+        .removable(&["run/track/*"])
+        .atomic(&tracks),
+        Job::new("eval", "eval run --views 4", &["run/eval/*"]).removable(&["run/eval/*"]),
         Job::new("render", "render run --path orbit --frames 3 --size 16 --out frames", &["frames/*"])
-            .goes(&["frames/*"])
-            .at_once(&["frames"]),
+            .removable(&["frames/*"])
+            .atomic(&["frames"]),
         Job::new("export ply", "export run --time 0.5 --out scene.ply", &["scene.ply"]),
         Job::new("export --frames", "export run --frames 3 --out plys", &["plys/*"])
-            .goes(&["plys/*"])
-            .at_once(&["plys"]),
+            .removable(&["plys/*"])
+            .atomic(&["plys"]),
         Job::new(
             "export nrrd",
             "export run --format nrrd --dims 6,7,8 --time 0.5 --out labels.seg.nrrd",
             &["labels.seg.nrrd"],
         ),
         Job::new("export vti", "export run --format vti --dims 6,7,8 --time 0.5 --out labels.vti", &["labels.vti"]),
-        Job::new("prepare", &format!("{PREPARE} --out fresh"), &["fresh/*"]).at_once(&["fresh"]).again(prepare_new),
+        Job::new("prepare", &format!("{PREPARE} --out fresh"), &["fresh/*"]).atomic(&["fresh"]).again(prepare_new),
         Job::new(
             "prepare --replace",
             &format!("{PREPARE} --radius 4.5 --seed 1 --out prepared --replace"),
             &["prepared/*"],
         )
-        .goes(&["prepared/*"])
-        .at_once(&["prepared"]),
-        Job::new("compare", "compare run --out comparison", &["comparison/*"]).goes(&["comparison/*"]),
+        .removable(&["prepared/*"])
+        .atomic(&["prepared"]),
+        Job::new("compare", "compare run --out comparison", &["comparison/*"]).removable(&["comparison/*"]),
         layout,
     ];
     if knows(&base, "segment undo") {
-        all.push(Job::new("segment undo", "segment undo run", &segments).but(&made_from_masks));
+        all.push(Job::new("segment undo", "segment undo run", &segments).except(&made_from_masks));
     }
     // commands that replace existing output only if asked to
     for job in &mut all {

@@ -64,11 +64,11 @@ pub fn strike_all() {
     }
     let mut known = Vec::new();
     for job in jobs(world).into_iter().filter(|j| j.name.contains(&settings.only)) {
-        known.extend(left_alone(world, job, &base, &mut found));
+        known.extend(undisturbed(world, job, &base, &mut found));
     }
-    assert!(!known.is_empty(), "no command to kill: {:?}\n{}", settings.only, told(&found.faults));
+    assert!(!known.is_empty(), "no command to kill: {:?}\n{}", settings.only, shortened(&found.faults));
     let n = known.len();
-    println!("{n} commands, {:.0} s when left alone", began.elapsed().as_secs_f64());
+    println!("{n} commands, {:.0} s when undisturbed", began.elapsed().as_secs_f64());
     let wanted = settings.kills.unwrap_or(ROUNDS * n);
     // a strike after the end of its command does not count
     for number in 0..3 * wanted {
@@ -99,13 +99,13 @@ pub fn strike_all() {
         found.faults.len(),
         began.elapsed().as_secs_f64()
     );
-    assert!(found.faults.is_empty(), "{} faults:\n\n{}", found.faults.len(), told(&found.faults));
+    assert!(found.faults.is_empty(), "{} faults:\n\n{}", found.faults.len(), shortened(&found.faults));
     let enough = settings.kills.unwrap_or(found.strikes / 3);
     assert!(found.kills >= enough, "{} of {} strikes hit a living process", found.kills, found.strikes);
 }
 
 /// Formats the first faults in full, and the first lines of the others.
-fn told(faults: &[String]) -> String {
+fn shortened(faults: &[String]) -> String {
     const WHOLE: usize = 25;
     let short = |fault: &String| fault.lines().next().unwrap_or_default().to_owned();
     let mut all: Vec<String> = faults.iter().take(WHOLE).cloned().collect();
@@ -114,19 +114,19 @@ fn told(faults: &[String]) -> String {
 }
 
 /// Runs a command to its end and records what it leaves; `None` if it fails.
-fn left_alone(world: &World, job: Job, base: &Snapshot, found: &mut Found) -> Option<Known> {
+fn undisturbed(world: &World, job: Job, base: &Snapshot, found: &mut Found) -> Option<Known> {
     let folder = world.fresh(&format!("alone-{}", file_name(job.name)));
     let ended = run(&folder, &job.arguments);
     let after = snapshot(&folder);
     found.files += after.len();
     let mut wrong = faults(&job, &folder, base, &after, &Snapshot::new());
     if ended.code() != Some(0) {
-        wrong.push("fails when it is left alone, so it is not killed".into());
+        wrong.push("fails even undisturbed, so it is not killed".into());
     }
     wrong.extend(left_over(&folder));
     let sound = wrong.is_empty();
     for fault in wrong {
-        found.faults.push(format!("{}: {fault}\n  left alone: {ended}", job.name));
+        found.faults.push(format!("{}: {fault}\n  undisturbed: {ended}", job.name));
     }
     if sound {
         files::remove(&folder);
@@ -164,7 +164,7 @@ impl Strike {
         }
         for fault in wrong {
             found.faults.push(format!(
-                "{}: {fault}\n  kill {number}, seed {seed}, {moment} of {:.3} s; all is kept\n  killed: {ended}\n  then: {last}",
+                "{}: {fault}\n  kill {number}, seed {seed}, {moment} of {:.3} s; the files are kept\n  killed: {ended}\n  then: {last}",
                 known.job.name, known.seconds
             ));
         }
@@ -221,12 +221,14 @@ fn to_the_end(world: &World, job: &Job, folder: &Path, base: &Snapshot) -> (Ende
     }
     let expected = match job.again {
         Again::Segment(name) => has_segment(name).then_some(()).ok_or_else(|| format!("there is no segment {name}")),
-        Again::NoSegment(name) => (!has_segment(name)).then_some(()).ok_or_else(|| format!("segment {name} is there")),
-        Again::Folder(name) => folder.join(name).is_dir().then_some(()).ok_or_else(|| format!("{name} is not there")),
+        Again::NoSegment(name) => {
+            (!has_segment(name)).then_some(()).ok_or_else(|| format!("segment {name} still exists"))
+        }
+        Again::Folder(name) => folder.join(name).is_dir().then_some(()).ok_or_else(|| format!("{name} is missing")),
         Again::Train(run) => trained(world, &folder.join(run)),
         Again::Same => Ok(()),
     };
-    wrong.extend(expected.err().map(|e| format!("at the end {e}")));
+    wrong.extend(expected.err().map(|e| format!("at the end: {e}")));
     (ended, wrong)
 }
 

@@ -49,19 +49,19 @@ fn a_kill_at_any_moment_loses_nothing() {
 }
 
 #[test]
-fn twenty_writers_at_once_are_all_heard() {
+fn twenty_simultaneous_writers_all_succeed() {
     let _alone = alone();
     parallel::writers();
 }
 
 #[test]
-fn writers_that_waited_long_are_heard() {
+fn writers_that_waited_long_succeed() {
     let _alone = alone();
     parallel::writers_that_waited();
 }
 
 #[test]
-fn writers_that_are_killed_harm_no_other() {
+fn killed_writers_do_not_affect_the_others() {
     let _alone = alone();
     parallel::killed_writers();
 }
@@ -73,13 +73,13 @@ fn a_run_in_training_refuses_other_writers_until_it_is_killed() {
 }
 
 #[test]
-fn of_two_trainings_into_one_folder_one_is_refused() {
+fn one_of_two_trainings_into_the_same_folder_is_refused() {
     let _alone = alone();
     parallel::two_trainings();
 }
 
 #[test]
-fn streams_that_are_gone_or_full_do_no_harm() {
+fn closed_or_full_streams_lose_no_work() {
     let _alone = alone();
     streams::all_forms();
 }
@@ -91,7 +91,7 @@ fn signals_to_a_training_save_a_checkpoint() {
 }
 
 #[test]
-fn a_signal_to_prepare_leaves_nothing() {
+fn signals_to_prepare_leave_nothing_behind() {
     let _alone = alone();
     signals::to_prepare();
 }

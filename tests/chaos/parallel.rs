@@ -49,7 +49,7 @@ fn kept(run: &Path) -> BTreeSet<usize> {
     };
     let all: Vec<usize> = edits.operations.iter().filter_map(|e| number(&e.operation)).collect();
     let mut found: BTreeSet<usize> = all.iter().copied().collect();
-    assert_eq!(found.len(), all.len(), "an edit is there twice");
+    assert_eq!(found.len(), all.len(), "an edit is stored twice");
     let segments = Segmentation::load(&RunPaths(run).segments()).unwrap();
     found.extend(segments.segments.iter().filter_map(|s| s.name.strip_prefix('g')?.parse::<usize>().ok()));
     found
@@ -127,7 +127,7 @@ pub fn killed_writers() {
         for (i, ended) in &ended {
             let done = ended.code() == Some(0);
             assert!(done || ended.was_killed(), "seed {}, neither done nor killed: {ended}", settings.seed);
-            assert!(!done || there.contains(i), "seed {}, done, and not in the run: {ended}", settings.seed);
+            assert!(!done || there.contains(i), "seed {}, done, but missing from the run: {ended}", settings.seed);
         }
         must(&folder, &words("edit list run"));
     }
@@ -144,8 +144,8 @@ pub fn killed_writers() {
 fn refused_at_once(folder: &Path, arguments: &[String]) {
     let began = Instant::now();
     let ended = run(folder, arguments);
-    assert!(began.elapsed() < AT_ONCE, "beside a training, not at once: {ended}");
-    assert_eq!(ended.code(), Some(2), "beside a training: {ended}");
+    assert!(began.elapsed() < AT_ONCE, "not refused at once during a training: {ended}");
+    assert_eq!(ended.code(), Some(2), "not refused during a training: {ended}");
     for words in ["in use by", "volseggs train"] {
         assert!(ended.err.contains(words), "no {words:?}: {ended}");
     }
@@ -165,7 +165,7 @@ pub fn beside_a_training() {
     }
     for line in ["edit list long", "segment list long", "render long --camera 0,-4,0 --size 8 --out still"] {
         let ended = run(&folder, &words(line));
-        assert_eq!(ended.code(), Some(0), "a reader beside a training: {ended}");
+        assert_eq!(ended.code(), Some(0), "a reader failed during a training: {ended}");
     }
     assert!(!first.has_ended(), "the training ended by itself: {}", first.end());
     let killed = first.kill();
@@ -195,7 +195,10 @@ pub fn two_trainings() {
         if newest_bytes(&run) != newest_bytes(&world.run()) {
             let kept = folder.join("another-result");
             copy(&run, &kept);
-            panic!("round {round}: another result than of one training, kept in {}\n{texts}", kept.display());
+            panic!(
+                "round {round}: the result differs from that of one training; it is kept in {}\n{texts}",
+                kept.display()
+            );
         }
     }
     remove(&folder);

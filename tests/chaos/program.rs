@@ -149,7 +149,7 @@ impl Running {
         while !there() {
             let slow = started.elapsed() > Duration::from_secs(90);
             if slow || self.has_ended() {
-                let why = if slow { "still not there after 90 s" } else { "the command has ended before" };
+                let why = if slow { "not reached after 90 s" } else { "the command ended first" };
                 let _ = self.child.kill();
                 let err = self.readers[1].take().map(|r| r.join().unwrap()).unwrap_or_default();
                 panic!("{what}: {why}: `{}` in {}\nstderr: {}", self.line, self.folder.display(), last(&err));
@@ -204,10 +204,10 @@ impl Ended {
 
     /// Returns a fault that no command may have under any circumstances.
     pub fn fault(&self) -> Option<String> {
-        let told = format!("{}{}", self.out, self.err);
+        let output = format!("{}{}", self.out, self.err);
         if self.hung {
             Some("hangs".into())
-        } else if self.code() == Some(101) || told.contains("panicked") {
+        } else if self.code() == Some(101) || output.contains("panicked") {
             Some("panics".into())
         } else {
             self.status.signal().map(|s| format!("died of signal {s}"))
@@ -217,7 +217,7 @@ impl Ended {
 
 impl fmt::Display for Ended {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let hung = if self.hung { ", killed as it hung" } else { "" };
+        let hung = if self.hung { ", killed because it hung" } else { "" };
         write!(f, "`{}` in {}: {}{hung} after {:.3} s", self.line, self.folder.display(), self.status, self.seconds)?;
         for (name, text) in [("stdout", &self.out), ("stderr", &self.err)] {
             if !text.trim().is_empty() {

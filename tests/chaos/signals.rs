@@ -96,12 +96,12 @@ pub fn to_prepare() {
                 --segment-views 0 --out fresh";
     for signal in ["HUP", "TERM", "INT"] {
         let mut child = start(&folder, &words(line));
-        child.wait_until("the folder that is built", || !temporaries(&folder).is_empty());
+        child.wait_until("the folder in progress", || !temporaries(&folder).is_empty());
         child.signal(signal);
         let ended = child.end();
         assert_eq!((ended.fault(), ended.code()), (None, Some(1)), "{signal}: {ended}");
         assert!(ended.err.contains("nothing"), "{signal}: {ended}");
-        assert!(!folder.join("fresh").exists(), "{signal}: published all the same: {ended}");
+        assert!(!folder.join("fresh").exists(), "{signal}: published nevertheless: {ended}");
         assert_eq!(temporaries(&folder), Vec::<String>::new(), "{signal}: {ended}");
     }
     remove(&folder);

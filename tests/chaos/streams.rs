@@ -144,8 +144,8 @@ fn wrong(case: &Case, [out, err]: [Stream; 2], n: usize, folder: &Path, ended: &
     if !ended.code().is_some_and(|c| allowed.contains(&c)) {
         wrong.push(format!("the exit code should be one of {allowed:?}"));
     }
-    let told = case.code == Code::Work && out == Stream::Full && err == Stream::Kept;
-    if told && !(ended.err.contains("error:") && ended.err.contains("standard output")) {
+    let reports = case.code == Code::Work && out == Stream::Full && err == Stream::Kept;
+    if reports && !(ended.err.contains("error:") && ended.err.contains("standard output")) {
         wrong.push("nothing says that standard output could not be written".into());
     }
     if !(case.saved)(folder, n) {

@@ -65,7 +65,7 @@ pub fn whole(path: &Path) -> Outcome {
         (_, "vti" | "nrrd") => volume(path),
         (_, "svg") => ends("</svg>"),
         (_, "html") => ends("</html>"),
-        (_, "csv") => bytes.ends_with(b"\n").then_some(()).ok_or_else(|| "its last line has no end".to_owned()),
+        (_, "csv") => bytes.ends_with(b"\n").then_some(()).ok_or_else(|| "its last line has no line break".to_owned()),
         // marks a folder
         ("comparison", _) => Ok(()),
         _ => (!bytes.is_empty()).then_some(()).ok_or_else(|| "empty".to_owned()),
@@ -105,7 +105,7 @@ fn volume(path: &Path) -> Outcome {
 pub fn whole_dataset(folder: &Path) -> Outcome {
     for name in ["prepare.json", "contact-sheet.png", "transfer-function.toml", "segments.json"] {
         if !folder.join(name).is_file() {
-            return Err(format!("the dataset is there without its {name}"));
+            return Err(format!("the dataset exists without its {name}"));
         }
     }
     let options = OpenOptions { downscale: 1, splits: &[SplitName::Train, SplitName::Test], max_views: None };

@@ -32,7 +32,7 @@ fn resolve(layers: &Layers<'_>) -> bool {
     let text = resolved.to_toml().unwrap();
     let again: Config = toml::from_str(&text).unwrap();
     let same = |config: &Config| toml::to_string(config).unwrap();
-    assert_eq!(same(&again), same(&resolved.value), "as it was written and read again");
+    assert_eq!(same(&again), same(&resolved.value), "unchanged by writing and reading");
     let _ = resolved.show();
     accepted(check_config(&resolved.value));
     accepted(evaluation_background(&resolved.value.data.background));

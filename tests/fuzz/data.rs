@@ -133,7 +133,7 @@ fn transforms() {
             let text = String::from_utf8_lossy(bytes);
             let Some(found) = accepted(Transforms::parse(Path::new("t.json"), &text)) else { return false };
             let again = Transforms::parse(Path::new("t.json"), &found.to_json()).unwrap();
-            assert_eq!(again, found, "as it was written and read again");
+            assert_eq!(again, found, "unchanged by writing and reading");
             let frames: Vec<Frame> = found
                 .frames
                 .iter()

@@ -22,9 +22,9 @@ const HUNG: Duration = Duration::from_secs(20);
 /// A thread that would hold more bytes than this is stopped.
 const CAP: i64 = 1 << 30;
 /// A reader with this many different failures is abandoned.
-const FAILURES: usize = 8;
+const MAX_FAILURES: usize = 8;
 /// A reader that has left this many threads behind is abandoned.
-const LOST: usize = 8;
+const MAX_LOST: usize = 8;
 /// Stack size, that of the program's main thread.
 const STACK: usize = 8 << 20;
 const MIB: i64 = 1 << 20;
@@ -199,7 +199,7 @@ pub fn fuzz(name: &'static str, make: fn(&Scratch) -> Target) {
     let mut failures = Failures::new();
     let (mut folders, mut threads, mut next) = (Vec::new(), Vec::new(), settings.only.unwrap_or(0));
     let until = settings.only.map_or(settings.cases, |n| n + 1);
-    while next < until && threads.len() < LOST && failures.len() < FAILURES {
+    while next < until && threads.len() < MAX_LOST && failures.len() < MAX_FAILURES {
         let folder = folder();
         let scratch = Scratch(folder.path().to_owned());
         folders.push(folder);
@@ -213,7 +213,7 @@ pub fn fuzz(name: &'static str, make: fn(&Scratch) -> Target) {
         let mut add = |Failure { case, kind, what, bytes }: Failure| {
             let first = || (0, case, format!("{what}\n    {}", keep(name, case, &bytes)));
             failures.entry(kind).or_insert_with(first).0 += 1;
-            shared.stop.store(failures.len() >= FAILURES, Relaxed);
+            shared.stop.store(failures.len() >= MAX_FAILURES, Relaxed);
         };
         match attend(shared, &receive, start, &mut add) {
             Ended::Done => {
@@ -273,7 +273,7 @@ fn attend(shared: &Shared, events: &Receiver<Event>, start: Instant, add: &mut i
                 };
                 let refused = shared.slot.refused();
                 if refused > 0 {
-                    return lost("memory", format!("asks for {refused} bytes more, {CAP} in all are the most"));
+                    return lost("memory", format!("asks for {refused} more bytes; the limit is {CAP} in all"));
                 }
                 let now = start.elapsed().as_millis() as u64;
                 if began > 0 && now.saturating_sub(began) > HUNG.as_millis() as u64 {
@@ -348,7 +348,7 @@ impl Work {
                 failed("slow", format!("takes {:.1} s", took.as_secs_f64()));
             }
             if peak > target.limit {
-                failed("peak", format!("holds {} MiB, at most {} are right", peak / MIB, target.limit / MIB));
+                failed("peak", format!("holds {} MiB, at most {} are allowed", peak / MIB, target.limit / MIB));
             }
         }
         drop(pool);
@@ -398,6 +398,6 @@ fn report(name: &str, threads: &[&Shared], took: Duration, failures: &Failures) 
         failures.values().map(|(times, case, what)| format!("  case {case} ({times} times): {what}")).collect();
     let Settings { seed, only, .. } = settings();
     let again = format!("VOLSEGGS_FUZZ_READER={name} VOLSEGGS_FUZZ_SEED={seed} VOLSEGGS_FUZZ_CASE=N");
-    assert!(list.is_empty(), "{name}: one case again with {again}\n{}", list.join("\n"));
+    assert!(list.is_empty(), "{name}: repeat one case with {again}\n{}", list.join("\n"));
     assert!(only.is_some() || sum(|t| &t.seeds_opened) > 0, "{name}: none of its valid files is opened");
 }

@@ -205,8 +205,8 @@ fn put(bytes: &mut Vec<u8>, at: usize, over: usize, new: &[u8]) {
 
 fn block(rng: &mut Rng, n: usize) -> (usize, usize) {
     let from = rng.below(n + 1);
-    let most = if rng.below(2) == 0 { 16 } else { n };
-    (from, rng.below((n - from).min(most) + 1))
+    let max_len = if rng.below(2) == 0 { 16 } else { n };
+    (from, rng.below((n - from).min(max_len) + 1))
 }
 
 /// Returns the next number in the text from `at` on, empty at the end.

@@ -106,9 +106,9 @@ fn survives(kind: &str, name: &str, texts: &[String], beside: Option<&str>) {
     let mut child = Command::new(std::env::current_exe().unwrap());
     let child = child.args(["nesting::nested_files", "--exact", "--nocapture"]);
     let out = child.env(FILES, format!("{kind}={read}={}", folder.path().display())).output().unwrap();
-    let told = String::from_utf8_lossy(&out.stderr);
-    assert!(out.status.success(), "{kind}: {}; the last file it names is the one\n{told}", out.status);
-    assert_eq!(told.matches(read).count(), texts.len(), "{kind}: not all files were read\n{told}");
+    let log = String::from_utf8_lossy(&out.stderr);
+    assert!(out.status.success(), "{kind}: {}; the last file named below ended it\n{log}", out.status);
+    assert_eq!(log.matches(read).count(), texts.len(), "{kind}: not all files were read\n{log}");
 }
 
 #[test]

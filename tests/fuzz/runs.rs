@@ -143,7 +143,7 @@ fn edits() {
             let _ = stack.list();
             accepted(stack.validate(&|name| name == "red"));
             stack.save(&again).unwrap();
-            assert_eq!(EditStack::load(&again).unwrap(), stack, "as it was written and read again");
+            assert_eq!(EditStack::load(&again).unwrap(), stack, "unchanged by writing and reading");
             let _ = (stack.undo().is_some(), stack.redo().is_some());
             true
         };

@@ -22,7 +22,7 @@ fn target(scratch: &Scratch, path: PathBuf, seeds: &[&str]) -> Target {
         }
         scratch.overwrite(&again, function.to_toml().as_bytes());
         let read = TransferFunction::load(&again.to_string_lossy()).unwrap();
-        assert_eq!(read, function, "as it was written and read again");
+        assert_eq!(read, function, "unchanged by writing and reading");
         true
     };
     Target::new(seeds.iter().map(|s| s.as_bytes().to_vec()).collect(), read)

@@ -55,7 +55,7 @@ fn used(saved: &SavedView) {
         Err(error) => assert!(error.is_input(), "{error}"),
     }
     let again = SavedView::parse("again", &serde_json::to_string(saved).unwrap()).unwrap();
-    assert_eq!(again, *saved, "as it was written and read again");
+    assert_eq!(again, *saved, "unchanged by writing and reading");
 }
 
 fn texts(list: &[String]) -> Vec<Vec<u8>> {
@@ -99,7 +99,7 @@ fn path() {
             let text = String::from_utf8_lossy(bytes);
             let keyed = SavedPath::is_in(&text);
             let Some((shown, path)) = accepted(SavedPath::parse("p.json", &text)) else { return false };
-            assert!(keyed, "what is read as a path is known as one");
+            assert!(keyed, "a file that is read as a path is recognised as one");
             used(&shown);
             for frames in [1, 2, 9] {
                 for key in path.frames(frames) {

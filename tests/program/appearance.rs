@@ -13,7 +13,7 @@ fn still(root: &Path, run: &str, out: &str, more: &[&str]) -> assert_cmd::Comman
 }
 
 #[test]
-fn a_shaded_scene_goes_through_every_command() {
+fn a_shaded_scene_works_with_every_command() {
     let folder = crate::common::dataset();
     let root = folder.path();
     train(root, "run", &["model.appearance=headlight"]).assert().success();
@@ -27,7 +27,7 @@ fn a_shaded_scene_goes_through_every_command() {
     let picture = |out: &str| std::fs::read(root.join(out).join("0000.png")).unwrap();
     assert_ne!(picture("eye"), picture("side"));
     assert_eq!(json(&root.join("side/frames.json"))["light"], serde_json::json!([0.0, 0.0, 1.0]));
-    refused(&mut still(root, "run", "no", &["--light", "0,0,0"]), &["--light", "no direction"]);
+    refused(&mut still(root, "run", "no", &["--light", "0,0,0"]), &["--light", "not a direction"]);
     refused(&mut still(root, "run", "no", &["--light", "0,0,1", "--show", "depth"]), &["--light", "--show"]);
 
     let file = root.join("scene.ply");
@@ -39,7 +39,7 @@ fn a_shaded_scene_goes_through_every_command() {
 }
 
 #[test]
-fn harmonics_hold_their_light() {
+fn a_light_is_refused_for_spherical_harmonics() {
     let folder = crate::common::dataset();
     train(folder.path(), "run", &[]).assert().success();
     let words = ["--light", "model.appearance = \"sh\"", "headlight"];

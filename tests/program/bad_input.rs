@@ -35,14 +35,14 @@ fn text_refused(edit: impl Fn(&str) -> String, words: &[&str]) {
 
 #[test]
 fn truncated_or_broken_json() {
-    text_refused(|t| t[..t.len() * 2 / 3].to_owned(), &["ends in the middle", "line ", "truncated"]);
+    text_refused(|t| t[..t.len() * 2 / 3].to_owned(), &["ends too early", "line ", "truncated"]);
     text_refused(|_| String::new(), &["line "]);
     text_refused(|t| t.replacen(':', "=", 3), &["not JSON", "line "]);
-    text_refused(|_| "[]".into(), &["no JSON object", "frames"]);
+    text_refused(|_| "[]".into(), &["not a JSON object", "frames"]);
 }
 
 #[test]
-fn numbers_that_are_none() {
+fn invalid_numbers() {
     for poison in ["NaN", "-Infinity", "1e999"] {
         let poisoned = |t: &str| {
             let mut value: Value = serde_json::from_str(t).unwrap();
@@ -101,7 +101,7 @@ fn missing_broken_or_odd_images() {
 }
 
 #[test]
-fn images_that_show_nothing() {
+fn empty_images() {
     let root = dataset();
     for name in crate::common::names(&root.path().join("data/train")) {
         RgbaImage::new(SIZE, SIZE).save(root.path().join("data/train").join(name)).unwrap();
@@ -126,7 +126,7 @@ fn missing_folders() {
 }
 
 #[test]
-fn options_that_cannot_be() {
+fn invalid_options() {
     let root = dataset();
     let cases: &[(&[&str], &[&str], &[&str])] = &[
         (&[], &["--device", "tpu"], &["\"tpu\"", "flex"]),

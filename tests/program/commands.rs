@@ -105,7 +105,10 @@ fn eval_writes_tables_and_pictures() {
     let lines: Vec<&str> = text.lines().collect();
     let at = lines.iter().position(|l| l.starts_with("frames/second")).unwrap();
     let number = |line: &str| line.split_whitespace().find_map(|word| word.parse::<f64>().ok()).unwrap();
-    assert!(number(lines[at]) > 0.0 && lines[at].contains("deformation and splatting, anew for each frame"), "{text}");
+    assert!(
+        number(lines[at]) > 0.0 && lines[at].contains("deformation and splatting, repeated for each frame"),
+        "{text}"
+    );
     assert!(number(lines[at + 1]) > 0.0 && lines[at + 1].contains("with the copy"), "{text}");
     let bytes = summary["model_bytes"].as_f64().unwrap();
     let size = format!("{:.2} MiB ({:.2} MB), scene.safetensors in f32", bytes / 1024.0 / 1024.0, bytes / 1e6);
@@ -115,7 +118,7 @@ fn eval_writes_tables_and_pictures() {
 }
 
 #[test]
-fn results_of_another_dataset_have_a_folder_of_their_own() {
+fn results_of_another_dataset_get_a_separate_folder() {
     let _alone = eval_alone();
     command(&["eval", "--views", "3"]).assert().success();
     let own = root().join("run/eval/test/mean.json");
@@ -159,7 +162,7 @@ fn completions_are_printed_for_each_shell() {
 }
 
 #[test]
-fn eval_refuses_what_is_not_there() {
+fn eval_refuses_missing_inputs() {
     let _alone = eval_alone();
     refused(&mut command(&["eval", "--split", "val"]), &["transforms_val.json"]);
     refused(&mut command(&["eval", "--data", "/nowhere"]), &["/nowhere", "--data"]);
@@ -199,7 +202,7 @@ fn render_along_paths() {
 }
 
 #[test]
-fn an_orbit_turns_around_the_scene_wherever_it_lies_and_a_missing_dataset_is_said() {
+fn an_orbit_is_centred_on_a_shifted_scene_and_a_missing_dataset_is_reported() {
     let folder = crate::common::dataset();
     let root = folder.path();
     for name in [SplitName::Train, SplitName::Test] {
@@ -230,7 +233,7 @@ fn an_orbit_turns_around_the_scene_wherever_it_lies_and_a_missing_dataset_is_sai
 }
 
 #[test]
-fn render_refuses_what_cannot_be_drawn() {
+fn render_refuses_invalid_options() {
     let folder = tempfile::tempdir().unwrap();
     let out = text(folder.path(), "out");
     let cases: [(&[&str], &[&str]); 4] = [
@@ -247,7 +250,7 @@ fn render_refuses_what_cannot_be_drawn() {
 }
 
 #[test]
-fn export_writes_ply_files_of_the_convention() {
+fn export_writes_conventional_ply_files() {
     let folder = tempfile::tempdir().unwrap();
     let one = folder.path().join("scene.ply");
     command(&["export", "--time", "0.5", "--out", &text(folder.path(), "scene.ply")]).assert().success();
@@ -333,7 +336,7 @@ fn config_shows_values_with_their_origins() {
 }
 
 #[test]
-fn the_schema_is_the_committed_one() {
+fn the_committed_schema_is_current() {
     let schema: Value = serde_json::from_str(&output(volseggs().args(["config", "schema"]))).unwrap();
     assert!(schema["properties"]["densify"].is_object(), "{schema}");
     // editors show the built-in values, not those that old files are read with
@@ -349,7 +352,7 @@ fn the_schema_is_the_committed_one() {
 }
 
 /// Returns the words of the last command that a text offers, as a shell reads them.
-fn offered(text: &str) -> Vec<String> {
+fn suggested(text: &str) -> Vec<String> {
     let start = text.rfind("volseggs ").unwrap_or_else(|| panic!("no command: {text}"));
     let command = text[start..].split(['`', '\n']).next().unwrap();
     let shell = std::process::Command::new("sh").args(["-c", &format!("printf '%s\\n' {command}")]).output().unwrap();
@@ -357,18 +360,18 @@ fn offered(text: &str) -> Vec<String> {
 }
 
 #[test]
-fn commands_that_are_offered_can_be_copied_whatever_the_path() {
+fn suggested_commands_can_be_copied_for_any_path() {
     let folder = crate::common::dataset();
     let root = folder.path();
     let run = text(root, "it's my run");
     let said = |command: &mut Command| String::from_utf8(command.output().unwrap().stderr).unwrap();
-    assert_eq!(offered(&said(&mut train(root, "it's my run", &[]))), ["volseggs", "eval", &run]);
+    assert_eq!(suggested(&said(&mut train(root, "it's my run", &[]))), ["volseggs", "eval", &run]);
     for (arguments, words) in [
         (vec!["segment", "list", &run], vec!["volseggs", "segment", "coarse", &run]),
         (vec!["render", &run, "--show", "segments", "--out", "x"], vec!["volseggs", "segment", "coarse", &run]),
         (vec!["compare", &run], vec!["volseggs", "eval", &run]),
     ] {
         let said = said(volseggs().current_dir(root).args(&arguments));
-        assert_eq!(offered(&said), words, "{said}");
+        assert_eq!(suggested(&said), words, "{said}");
     }
 }

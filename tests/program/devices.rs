@@ -42,17 +42,17 @@ fn alike(device: DeviceName, last: DeviceName, name: &str) {
     eprintln!("{name}: {psnr:.4} dB, on the default device {expected:.4} dB");
     match device {
         DeviceName::Wgpu | DeviceName::Cuda => assert!((psnr - expected).abs() < 0.05, "{name}: {psnr} for {expected}"),
-        _ => assert!(newest_bytes(&run) == newest_bytes(&straight), "{name} ends with other bytes"),
+        _ => assert!(newest_bytes(&run) == newest_bytes(&straight), "{name} ends with different bytes"),
     }
 }
 
-fn two_hundred_steps_end_as_on_the_default_device(device: DeviceName) {
+fn two_hundred_steps_match_the_default_device(device: DeviceName) {
     let name = device.to_string();
     train(straight(), &name, STEPS).args(["--device", &name]).assert().success();
     alike(device, device, &name);
 }
 
-fn a_checkpoint_goes_on_on_the_other_device(device: DeviceName) {
+fn a_checkpoint_resumes_on_the_other_device(device: DeviceName) {
     let default = DeviceName::all()[0];
     for (first, second) in [(default, device), (device, default)] {
         let name = format!("{first}-{second}");
@@ -68,5 +68,5 @@ fn a_checkpoint_goes_on_on_the_other_device(device: DeviceName) {
 // without the default device, which would be compared with itself
 volseggs_testing::on_devices!(
     crate::common::open => [ndarray "ndarray", tch "tch", wgpu "wgpu", cuda "cuda"]
-    two_hundred_steps_end_as_on_the_default_device a_checkpoint_goes_on_on_the_other_device
+    two_hundred_steps_match_the_default_device a_checkpoint_resumes_on_the_other_device
 );

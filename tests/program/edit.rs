@@ -77,7 +77,7 @@ fn drawn(image: &RgbImage) -> Vec<(f64, f64, [u8; 3])> {
 }
 
 #[test]
-fn a_hidden_segment_vanishes_and_undo_brings_back_the_very_bytes() {
+fn a_hidden_segment_vanishes_and_undo_restores_identical_bytes() {
     let run = Run::new();
     let (name, count) = run.segments[0].clone();
     let plain = run.render(&[]);
@@ -87,7 +87,7 @@ fn a_hidden_segment_vanishes_and_undo_brings_back_the_very_bytes() {
     run.command(&orbit).arg("before").assert().success();
 
     assert_eq!(run.edit("list", &[]), "no edits\n");
-    assert_eq!(run.edits(), None, "looking at edits writes none");
+    assert_eq!(run.edits(), None, "listing edits writes nothing");
     assert_eq!(run.edit("hide", &["--segment", &name]), format!("1. hide {name}\n"));
     assert!(drawn(&run.render(&["--segment", &name])).is_empty());
     assert_ne!(run.render(&[]), plain);
@@ -108,7 +108,7 @@ fn a_hidden_segment_vanishes_and_undo_brings_back_the_very_bytes() {
     run.edit("redo", &[]);
     assert_eq!(run.render(&[]), hidden);
     run.edit("show", &["--segment", &name]);
-    assert_eq!(run.render(&[]), plain, "hidden and shown again is as before");
+    assert_eq!(run.render(&[]), plain, "hiding and showing restores the picture");
     assert_eq!(run.export(&[]).len(), 400);
 
     let stack: Value = serde_json::from_str(&run.edit("list", &["--json"])).unwrap();
@@ -119,7 +119,7 @@ fn a_hidden_segment_vanishes_and_undo_brings_back_the_very_bytes() {
 }
 
 #[test]
-fn isolate_is_the_segment_alone() {
+fn isolate_shows_only_the_segment() {
     let run = Run::new();
     let [one, two] = [0, 1].map(|i| run.segments[i].clone());
     let arguments = ["--segment", &one.0, "--segment", &two.0];
@@ -207,7 +207,7 @@ fn depth_velocity_and_segments_are_shown_in_colour() {
     let coloured = run.render(&["--show", "segments"]);
     assert_ne!(coloured, run.render(&[]));
     run.edit("hide", &["--segment", &run.segments[0].0]);
-    assert_ne!(run.render(&["--show", "segments"]), coloured, "hidden ones are not shown here either");
+    assert_ne!(run.render(&["--show", "segments"]), coloured, "hidden segments are not shown here either");
     let name = run.segments[0].0.as_str();
     assert!(drawn(&run.render(&["--show", "segments", "--segment", name])).is_empty());
 
@@ -221,7 +221,7 @@ fn depth_velocity_and_segments_are_shown_in_colour() {
 }
 
 #[test]
-fn edits_at_the_same_time_are_all_kept() {
+fn simultaneous_edits_are_all_kept() {
     let run = Run::new();
     let name = run.segments[0].0.as_str();
     std::thread::scope(|scope| {
@@ -235,7 +235,7 @@ fn edits_at_the_same_time_are_all_kept() {
 }
 
 #[test]
-fn what_is_refused_changes_nothing() {
+fn refused_edits_change_nothing() {
     let run = Run::new();
     let name = run.segments[0].0.as_str();
     let refuse = |arguments: &[&str], words: &[&str]| {
@@ -270,7 +270,7 @@ fn what_is_refused_changes_nothing() {
         refuse(&["redo"], &["nothing to redo", "edits.json"]);
         run.edits()
     };
-    assert_eq!(all(&run), None, "no file comes into being");
+    assert_eq!(all(&run), None, "no file is created");
     refuse(&["undo"], &["nothing to undo", "edits.json"]);
     run.edit("hide", &["--segment", name]);
     assert!(all(&run).is_some());
@@ -288,7 +288,7 @@ fn what_is_refused_changes_nothing() {
 }
 
 #[test]
-fn edits_of_segments_that_are_gone_name_the_way_out() {
+fn edits_of_removed_segments_suggest_undo() {
     let run = Run::new();
     let name = run.segments[0].0.as_str();
     let file = run.path("run/segments/segments.safetensors");

@@ -6,7 +6,7 @@ use serde_json::Value;
 const METHODS: [&str; 5] = ["sagd", "saga", "coarse", "fine", "coarse+fine"];
 
 #[test]
-fn known_segments_are_clicked_and_measured_by_every_method() {
+fn known_segments_are_evaluated_with_every_method() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     let few = "--dims 24 --series-steps 3 --times 3 --views 8 --size 32 --test-views 3 --segment-views 3";
@@ -30,11 +30,11 @@ fn known_segments_are_clicked_and_measured_by_every_method() {
     let results = found["results"].as_array().unwrap();
     assert!(!results.is_empty() && results.len() % METHODS.len() == 0);
     assert_eq!((&found["oracle_tries"], &found["seed"], &found["masks"]), (&12.into(), &0.into(), &"regions".into()));
-    assert!(!found["volume_times"].as_array().unwrap().is_empty(), "prepare writes volumes of ids");
+    assert!(!found["volume_times"].as_array().unwrap().is_empty(), "prepare writes volumes of segment ids");
     for (result, method) in results.iter().zip(METHODS.iter().cycle()) {
         assert_eq!(result["method"], *method);
         assert!(result["pixel"][0].as_u64().unwrap() < 32, "{result}");
-        assert!(result["fixed"]["fit"].is_null(), "nothing of the truth is known of the fixed setting");
+        assert!(result["fixed"]["fit"].is_null(), "the fixed setting does not use the ground truth");
         let fit = result["oracle"]["fit"].as_f64().unwrap();
         assert!((0.0..=1.0).contains(&fit), "{result}");
         for kind in ["fixed", "oracle"] {
@@ -71,13 +71,13 @@ fn known_segments_are_clicked_and_measured_by_every_method() {
         String::from_utf8(printed.success().get_output().stdout.clone()).unwrap()
     };
     let printed = table(&["--masks", "labels", "--methods", "fine", "--only", only, "--score", &all, "--no-oracle"]);
-    assert!(printed.starts_with("| segment | method | 3D IoU % | least | 2D IoU % | least | PSNR dB |"), "{printed}");
+    assert!(printed.starts_with("| segment | method | 3D IoU % | min | 2D IoU % | min | PSNR dB |"), "{printed}");
     assert!(!printed.to_lowercase().contains("oracle") && printed.contains("Seed 0; masks: labels"), "{printed}");
     let row = |name: &str| printed.lines().find(|l| l.starts_with(&format!("| {name} | fine |"))).unwrap().to_owned();
     let cells = row("all").split('|').map(|c| c.trim().to_owned()).collect::<Vec<_>>();
     assert!(cells[3].parse::<f64>().is_ok() && cells[5].parse::<f64>().is_ok(), "{cells:?}");
-    assert_eq!(cells[7..10], ["-", "-", "-"], "no picture of several as one");
-    assert_eq!(row("**mean**").split('|').nth(3), row(only).split('|').nth(3), "the mean is of segments alone");
+    assert_eq!(cells[7..10], ["-", "-", "-"], "several segments scored as one have no picture");
+    assert_eq!(row("**mean**").split('|').nth(3), row(only).split('|').nth(3), "the mean covers single segments only");
     assert_eq!(names(&root.join("run/eval")), ["segments", "segments-labels"]);
 
     // pictures for another program, and its masks read back

@@ -31,7 +31,7 @@ fn jets() -> TempDir {
 }
 
 #[test]
-fn labels_fall_on_the_voxels_of_the_volume_and_agree_with_the_truth() {
+fn labels_use_the_voxels_of_the_volume_and_agree_with_the_ground_truth() {
     let folder = jets();
     let root = folder.path();
     let nrrd = run_json(
@@ -49,7 +49,7 @@ fn labels_fall_on_the_voxels_of_the_volume_and_agree_with_the_truth() {
     let mean = nrrd["agreement"]["mean_dice"].as_f64().unwrap();
     assert!(mean > 0.0 && mean <= 1.0, "{nrrd}");
     let matched: Vec<&Value> = scores.iter().filter(|s| !s["segment"].is_null()).collect();
-    assert!(!matched.is_empty() && matched.len() <= 3, "one segment for one true label: {nrrd}");
+    assert!(!matched.is_empty() && matched.len() <= 3, "at most one segment per true label: {nrrd}");
     assert!(matched.iter().all(|s| s["set_dice"].as_f64() >= s["dice"].as_f64()), "{nrrd}");
 
     let labels = open(&root.join("l.seg.nrrd")).load_labels(0).unwrap();
@@ -112,7 +112,7 @@ fn labels_fall_on_the_voxels_of_the_volume_and_agree_with_the_truth() {
 }
 
 #[test]
-fn what_cannot_be_labelled_is_refused() {
+fn invalid_label_exports_are_refused() {
     let folder = jets();
     let root = folder.path();
     let export = |more: &[&str]| {
@@ -150,7 +150,7 @@ fn what_cannot_be_labelled_is_refused() {
     std::fs::remove_file(root.join("run/segments/segments.safetensors")).unwrap();
     refused(&mut export(&["--format", "vti"]), &["segment coarse"]);
     let record = json(&root.join("run/run.json"));
-    assert!(record.is_object(), "the run stays as it was");
+    assert!(record.is_object(), "the run is unchanged");
 }
 
 /// A NumPy file of zeros, `shape` in z, y, x.

@@ -58,7 +58,7 @@ fn images_that_do_not_fit_are_refused_before_they_are_decoded() {
 }
 
 #[test]
-fn values_that_make_no_sense_are_blamed_themselves() {
+fn errors_about_invalid_values_name_the_key() {
     let root = dataset();
     for (set, words) in [
         ("init.scale=0", ["init.scale = 0", "above 0"]),
@@ -68,13 +68,16 @@ fn values_that_make_no_sense_are_blamed_themselves() {
         ("stages.joint_steps=many", ["stages.joint_steps", "a whole number, 0 or above"]),
         ("model=3", ["`model`", "a section"]),
     ] {
-        let told = refused(&mut train(root.path(), "run", &[set]), &words);
-        assert!(!told.contains("learning rate") && !told.contains("usize") && !told.contains("struct"), "{told}");
+        let message = refused(&mut train(root.path(), "run", &[set]), &words);
+        assert!(
+            !message.contains("learning rate") && !message.contains("usize") && !message.contains("struct"),
+            "{message}"
+        );
     }
 }
 
 #[test]
-fn pipes_and_folders_are_no_images_and_nothing_hangs() {
+fn pipes_and_folders_in_place_of_images_are_refused_at_once() {
     let root = dataset();
     let image = root.path().join("data/train/r_002.png");
     std::fs::remove_file(&image).unwrap();
@@ -85,8 +88,8 @@ fn pipes_and_folders_are_no_images_and_nothing_hangs() {
     let mut inspect = volseggs();
     inspect.args(["inspect", &data]).timeout(Duration::from_secs(30));
     let output = inspect.output().unwrap();
-    let told = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code().is_some_and(|c| c != 0) && told.contains("a pipe"), "{told}");
+    let message = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code().is_some_and(|c| c != 0) && message.contains("a pipe"), "{message}");
 
     std::fs::remove_file(&image).unwrap();
     std::fs::create_dir(&image).unwrap();
@@ -99,7 +102,7 @@ fn pipes_and_folders_are_no_images_and_nothing_hangs() {
 }
 
 #[test]
-fn pipes_are_no_volumes_and_no_sweep_files() {
+fn pipes_in_place_of_volumes_and_sweep_files_are_refused() {
     let root = tempfile::tempdir().unwrap();
     let volumes = ["v.nrrd", "v.nhdr", "v.npy", "v.vti", "v.nii", "v.nii.gz", "v.raw"];
     volumes.iter().chain(&["sweep.toml"]).for_each(|name| pipe(&root.path().join(name)));
@@ -115,7 +118,7 @@ fn pipes_are_no_volumes_and_no_sweep_files() {
 }
 
 #[test]
-fn two_frames_of_one_image_are_refused() {
+fn two_frames_with_the_same_image_are_refused() {
     let root = dataset();
     let path = root.path().join("data/transforms_train.json");
     let mut json = crate::common::json(&path);
@@ -125,7 +128,7 @@ fn two_frames_of_one_image_are_refused() {
 }
 
 #[test]
-fn sweeps_of_more_runs_than_can_be_are_refused_at_once() {
+fn oversized_and_invalid_sweeps_are_refused_at_once() {
     let root = dataset();
     let file = root.path().join("big.toml");
     let dry = |text: &str, words: &[&str]| {
@@ -149,7 +152,7 @@ fn sweeps_of_more_runs_than_can_be_are_refused_at_once() {
 }
 
 #[test]
-fn variables_of_tests_do_not_break_training() {
+fn test_variables_do_not_break_training() {
     let root = dataset();
     let mut program = train(root.path(), "run", &[]);
     program.env("VOLSEGGS_TEST_SAM", "x").env("VOLSEGGS_REQUIRE_ANYTHING", "1").args(["--stop-after", "1"]);

@@ -81,7 +81,7 @@ fn lpips(root: &Path, backbone: &str, heads: &str, out: &str) -> assert_cmd::Com
 }
 
 #[test]
-fn published_files_become_weights() {
+fn published_files_are_converted_to_weights() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     let write = |name: &str, bytes: Vec<u8>| std::fs::write(root.join(name), bytes).unwrap();
@@ -137,7 +137,7 @@ fn published_files_become_weights() {
 }
 
 #[test]
-fn wrong_files_are_told_by_name_and_key() {
+fn wrong_files_are_reported_by_name_and_key() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     let write = |name: &str, bytes: &[u8]| std::fs::write(root.join(name), bytes).unwrap();

@@ -23,7 +23,7 @@ fn refused_and_unchanged(root: &Path, arguments: &[&str], words: &[&str]) {
 }
 
 #[test]
-fn wrong_companions_are_told_before_anything_is_read() {
+fn incompatible_options_are_refused_before_anything_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let with = |arguments: &[&str], words: &[&str]| {
         let mut command = volseggs();
@@ -35,10 +35,10 @@ fn wrong_companions_are_told_before_anything_is_read() {
     with(&["--points", "4"], &["--points is for --source sam"]);
     with(&["--sam-weights", "w"], &["--sam-weights is for --source sam"]);
     with(&["--source", "dir"], &["--masks PATH"]);
-    with(&["--source", "dir", "--masks", "m", "--views", "3"], &["--views does not go with --source dir"]);
-    with(&["--source", "labels", "--size", "40"], &["--size does not go with --source labels"]);
+    with(&["--source", "dir", "--masks", "m", "--views", "3"], &["--views cannot be combined with --source dir"]);
+    with(&["--source", "labels", "--size", "40"], &["--size cannot be combined with --source labels"]);
     with(&["--source", "sam", "--points", "0"], &["at least 1"]);
-    with(&["--pictures", "--source", "labels"], &["leave --source out"]);
+    with(&["--pictures", "--source", "labels"], &["omit --source"]);
     with(&["--time", "2"], &["between 0 and 1"]);
     with(&["--pictures", "--replace"], &["--pictures", "--replace", "cannot be used with"]);
     // the network's weights are looked for first, and the message says how to make them
@@ -49,7 +49,7 @@ fn wrong_companions_are_told_before_anything_is_read() {
 }
 
 #[test]
-fn the_truth_of_a_dataset_becomes_masks() {
+fn the_ground_truth_of_a_dataset_becomes_masks() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     let few = "prepare --synthetic jets --dims 32 --series-steps 4 --size 64 --times 2 --views 6 --test-views 4 \
@@ -97,7 +97,7 @@ fn the_truth_of_a_dataset_becomes_masks() {
     refused_and_unchanged(root, &labels, &["60x64", "64x64", wrong.file_name().unwrap().to_str().unwrap()]);
     std::fs::write(&wrong, kept).unwrap();
     std::fs::rename(root.join("data"), root.join("moved")).unwrap();
-    refused_and_unchanged(root, &labels, &["data", "not there any more", "--data"]);
+    refused_and_unchanged(root, &labels, &["data", "no longer there", "--data"]);
     run_json(root, &[&again[..], &["--data", "moved"]].concat());
     assert_eq!(masks(root).0.header().source, "labels of moved");
     // a dataset with other cameras, to which the scene does not belong
@@ -112,7 +112,7 @@ fn the_truth_of_a_dataset_becomes_masks() {
 }
 
 #[test]
-fn masks_of_another_program_come_back() {
+fn masks_of_another_program_are_imported() {
     let folder = dataset();
     let root = folder.path();
     train(root, "run", &[]).assert().success();

@@ -82,7 +82,7 @@ fn prepare(root: &Path, changes: &str) -> Command {
 }
 
 #[test]
-fn numbers_that_no_picture_has_are_refused() {
+fn impossible_numbers_are_refused() {
     let folder = with_run();
     let root = folder.path();
     let (_, newest) = checkpoint::list(&root.join("run")).pop().unwrap();
@@ -119,7 +119,7 @@ fn numbers_that_no_picture_has_are_refused() {
 }
 
 #[test]
-fn a_render_replaces_an_older_one_whole_and_nothing_else() {
+fn a_render_replaces_an_older_one_entirely_and_nothing_else() {
     let folder = with_run();
     let root = folder.path();
     let render =
@@ -127,13 +127,13 @@ fn a_render_replaces_an_older_one_whole_and_nothing_else() {
     std::fs::create_dir(root.join(leftover("frames"))).unwrap();
     std::fs::write(root.join(leftover("frames")).join("0000.png"), "half").unwrap();
     render("frames", 6).assert().success();
-    assert!(!root.join(leftover("frames")).exists(), "what a killed render left is gone");
+    assert!(!root.join(leftover("frames")).exists(), "the leftovers of a killed render are removed");
     assert_eq!(names(&root.join("frames")).len(), 8);
     render("frames", 3).assert().success();
     assert_eq!(
         names(&root.join("frames")),
         ["0000.png", "0001.png", "0002.png", "animation.png", "frames.json"],
-        "no frame of the longer one is left"
+        "no frame of the longer render is left"
     );
     let record = json(&root.join("frames/frames.json"));
     assert_eq!((&record["frames"], &record["size"]), (&json!(3), &json!([8, 8])));
@@ -150,7 +150,7 @@ fn a_render_replaces_an_older_one_whole_and_nothing_else() {
         ("run", &["run"]),
         (".", &["in use"]),
         ("..", &["in use"]),
-        ("nowhere/..", &["no name of a folder"]),
+        ("nowhere/..", &["does not end in a folder name"]),
         ("file", &["is a file"]),
         ("other", &["frames.json"]),
     ] {
@@ -164,7 +164,7 @@ fn a_render_replaces_an_older_one_whole_and_nothing_else() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn folders_that_are_no_utf8_are_written_whole() {
+fn folder_names_that_are_not_utf8_are_supported() {
     use std::os::unix::ffi::OsStringExt;
     let folder = with_run();
     let root = folder.path();
@@ -229,13 +229,13 @@ fn the_format_of_an_export_follows_from_its_name() {
 }
 
 #[test]
-fn an_export_of_many_times_replaces_an_older_one_whole() {
+fn an_export_of_several_times_replaces_an_older_one_entirely() {
     let folder = with_run();
     let root = folder.path();
     let export = |more: &str| call(root, &format!("export run --out many {more}"));
     std::fs::write(root.join(leftover("one.ply")), "half").unwrap();
     export("--frames 3").assert().success();
-    assert!(!root.join(leftover("one.ply")).exists(), "what a killed export left is gone");
+    assert!(!root.join(leftover("one.ply")).exists(), "the leftovers of a killed export are removed");
     export("--frames 2 --format vti --dims 5,5,5").assert().success();
     assert_eq!(names(&root.join("many")), ["0000.vti", "0001.vti", "export.json"]);
     let record = json(&root.join("many/export.json"));
@@ -252,7 +252,7 @@ fn an_export_of_many_times_replaces_an_older_one_whole() {
 }
 
 #[test]
-fn a_track_has_a_name_and_stays_in_its_folder() {
+fn a_track_needs_a_valid_name_and_stays_in_its_folder() {
     let folder = with_run();
     let root = folder.path();
     let file = root.join("run/segments/segments.safetensors");
@@ -275,7 +275,7 @@ fn a_track_has_a_name_and_stays_in_its_folder() {
     ] {
         refused(call(root, &format!("track run {bad}")).args(["--segment", &name]), &[word]);
     }
-    assert!(bytes_of(root) == before, "the run is as it was");
+    assert!(bytes_of(root) == before, "the run is unchanged");
     std::fs::create_dir_all(root.join("run/track/mine")).unwrap();
     std::fs::write(root.join("run/track/mine/notes.txt"), "x").unwrap();
     refused(call(root, "track run --frames 2 --group mine").args(["--segment", &name]), &["mine"]);
@@ -294,7 +294,7 @@ fn prepare_replaces_a_dataset_and_nothing_else() {
     let inside = root.join("parent/volumes");
     let into = |out: &str, more: &str| prepare(&inside, &format!("--out {out} {more}"));
     into("../../data", "").assert().success();
-    refused(&mut into("../../data", ""), &["already there", "--replace"]);
+    refused(&mut into("../../data", ""), &["already exists", "--replace"]);
     let record = json(&root.join("data/prepare.json"));
     into("../../data", "--replace --size 8").assert().success();
     assert_eq!((&record["size"], &json(&root.join("data/prepare.json"))["size"]), (&json!([16, 16]), &json!([8, 8])));
@@ -319,7 +319,7 @@ fn prepare_replaces_a_dataset_and_nothing_else() {
 }
 
 #[test]
-fn a_folder_may_be_called_like_a_path_of_cameras() {
+fn an_output_folder_may_have_the_name_of_a_camera_path() {
     let folder = with_run();
     let render = |more: &[&str]| {
         let mut command = volseggs();
@@ -333,7 +333,7 @@ fn a_folder_may_be_called_like_a_path_of_cameras() {
 }
 
 #[test]
-fn prepare_names_the_flag_that_cannot_be() {
+fn prepare_names_the_invalid_flag() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     write_volume(root);
@@ -357,7 +357,7 @@ fn prepare_names_the_flag_that_cannot_be() {
         ("--label-names 1=../up", &["--label-names", "cannot be a name"]),
         ("--label-names 1=a,2=a", &["label 2=a"]),
         ("--transfer-function none.toml", &["every training image is empty", "volseggs inspect"]),
-        ("--out nowhere/..", &["no name of a folder"]),
+        ("--out nowhere/..", &["does not end in a folder name"]),
     ] {
         let text = refused(&mut prepare(root, bad), words);
         assert!(!text.contains("--side"), "{bad}: {text}");
@@ -372,7 +372,7 @@ fn prepare_names_the_flag_that_cannot_be() {
 }
 
 #[test]
-fn inspect_writes_pictures_over_its_own_only_and_fails_on_damage() {
+fn inspect_replaces_only_its_own_pictures_and_fails_on_damaged_files() {
     let folder = with_run();
     let root = folder.path();
     write_volume(root);
@@ -399,7 +399,7 @@ fn inspect_writes_pictures_over_its_own_only_and_fails_on_damage() {
 }
 
 #[test]
-fn the_demo_tells_of_a_folder_that_is_not_its_own() {
+fn the_demo_refuses_a_folder_that_it_did_not_make() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     std::fs::create_dir_all(root.join("mine/data")).unwrap();

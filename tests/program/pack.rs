@@ -12,7 +12,7 @@ fn bytes(root: &Path, run: &str) -> u64 {
 }
 
 #[test]
-fn a_packed_run_is_small_and_everything_works_on_it_but_training() {
+fn a_packed_run_is_small_and_supports_everything_but_training() {
     let made = with_segments("pack", &["--clusters", "3", "--keep-outliers"]);
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
@@ -20,11 +20,11 @@ fn a_packed_run_is_small_and_everything_works_on_it_but_training() {
     let name = run_json(root, &["segment", "list", "run"])["segments"][0]["name"].as_str().unwrap().to_owned();
     run_json(root, &["edit", "recolour", "run", "--segment", &name, "--colour", "#00ff00"]);
 
-    let told = run_json(root, &["pack", "run", "--out", "small"]);
-    assert_eq!(told["gaussians"], 400);
-    assert_eq!([&told["scene_bytes_before"], &told["scene_bytes"]], [bytes(root, "run"), bytes(root, "small")]);
+    let report = run_json(root, &["pack", "run", "--out", "small"]);
+    assert_eq!(report["gaussians"], 400);
+    assert_eq!([&report["scene_bytes_before"], &report["scene_bytes"]], [bytes(root, "run"), bytes(root, "small")]);
     // 23 f32 per Gaussian become 6 + 20 bytes, and the field is halved
-    assert!(3 * bytes(root, "small") < 2 * bytes(root, "run"), "{told}");
+    assert!(3 * bytes(root, "small") < 2 * bytes(root, "run"), "{report}");
     assert_eq!(names(&root.join("small")), ["checkpoints", "config.toml", "edits.json", "run.json", "segments"]);
     assert_eq!(names(&root.join("small/segments")), ["segments.safetensors"]);
 
@@ -57,7 +57,7 @@ fn a_packed_run_is_small_and_everything_works_on_it_but_training() {
 }
 
 #[test]
-fn nothing_else_is_replaced_and_older_checkpoints_are_not_packed() {
+fn other_folders_are_not_replaced_and_older_checkpoints_are_not_packed() {
     let made = with_segments("pack-refused", &["--clusters", "2"]);
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();

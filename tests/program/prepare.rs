@@ -36,7 +36,7 @@ fn arguments(root: &Path, name: &str) -> Vec<String> {
 }
 
 #[test]
-fn a_series_becomes_a_dataset_with_its_truth() {
+fn a_series_becomes_a_dataset_with_ground_truth() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     write_series(root);
@@ -78,7 +78,7 @@ fn a_series_becomes_a_dataset_with_its_truth() {
 }
 
 #[test]
-fn connected_parts_are_segments_of_volumes_without_labels() {
+fn connected_components_are_the_segments_of_unlabelled_volumes() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     write_series(root);
@@ -97,13 +97,13 @@ fn connected_parts_are_segments_of_volumes_without_labels() {
     assert!(segments["segments"][0]["frames"][0]["pixels"].as_u64().unwrap() > 10);
     assert_eq!(segments["volumes"].as_array().unwrap().len(), 3);
     refused(&mut parts("none", "1e6", &[]), &["--components", "largest value", "lower value"]);
-    refused(&mut parts("none", "100", &["--smallest-component", "5000"]), &["5000", "smaller part"]);
+    refused(&mut parts("none", "100", &["--smallest-component", "5000"]), &["5000", "smaller minimum size"]);
     refused(&mut parts("none", "100", &["--labels", &text(root, "l_*.raw")]), &["--labels", "cannot be used"]);
     refused(&mut parts("none", "nan", &[]), &["finite"]);
 }
 
 #[test]
-fn lighting_is_chosen_without_a_file() {
+fn lighting_can_be_set_by_options() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     let few = "prepare --synthetic layers --dims 24 --series-steps 2 --size 32 --times 1 --views 1 --test-views 2 \
@@ -128,7 +128,7 @@ fn lighting_is_chosen_without_a_file() {
 }
 
 #[test]
-fn the_poses_are_the_published_ones() {
+fn the_poses_match_the_published_ones() {
     let folder = tempfile::tempdir().unwrap();
     let out = text(folder.path(), "data");
     let few = "prepare --synthetic shells --dims 8 --size 4 --no-label-images --segment-views 0 --out";
@@ -149,7 +149,7 @@ fn the_poses_are_the_published_ones() {
 }
 
 #[test]
-fn wrong_input_is_one_error_and_leaves_nothing() {
+fn invalid_input_gives_one_error_and_leaves_nothing_behind() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     write_series(root);
@@ -187,7 +187,7 @@ fn wrong_input_is_one_error_and_leaves_nothing() {
 }
 
 #[test]
-fn nan_voxels_are_told_of_or_replaced() {
+fn nan_voxels_are_reported_or_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     let mut values = vec![0.5f32; 4 * 4 * 4];
@@ -219,7 +219,7 @@ fn inspect_shows_volumes() {
 }
 
 #[test]
-fn the_demo_tells_its_story_and_goes_on() {
+fn the_demo_writes_a_report_and_can_be_repeated() {
     let folder = tempfile::tempdir().unwrap();
     let out = text(folder.path(), "demo");
     let small = "demo --size 48 --json --set init.points=150 --set densify.budget=150 --set model.resolution=8 \
@@ -239,7 +239,7 @@ fn the_demo_tells_its_story_and_goes_on() {
 }
 
 #[test]
-fn what_volumes_and_a_run_of_them_cost_is_measured_side_by_side() {
+fn raycast_compares_the_costs_of_volumes_and_of_a_run() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
     write_series(root);
@@ -251,20 +251,20 @@ fn what_volumes_and_a_run_of_them_cost_is_measured_side_by_side() {
         command.args(["raycast", &run, "--volume", &text(root, volume), "--steps", "2", "--views", "4"]).args(more);
         command
     };
-    let told = raycast("v_*.raw", &["--json"]).assert().success();
-    let told: serde_json::Value = serde_json::from_slice(&told.get_output().stdout).unwrap();
-    let volumes = &told["volumes"];
+    let report = raycast("v_*.raw", &["--json"]).assert().success();
+    let report: serde_json::Value = serde_json::from_slice(&report.get_output().stdout).unwrap();
+    let volumes = &report["volumes"];
     // 3 steps of 20 x 16 x 12 voxels of two bytes
     assert_eq!((&volumes["steps"], &volumes["raw_bytes"]), (&3.into(), &(3 * 20 * 16 * 12 * 2).into()));
     assert_eq!((&volumes["loaded"], &volumes["views"]), (&2.into(), &4.into()));
     let scene = std::fs::metadata(newest_scene(&root.join("run"))).unwrap().len();
-    assert_eq!(told["run"]["model_bytes"], scene);
-    for side in [volumes, &told["run"]] {
+    assert_eq!(report["run"]["model_bytes"], scene);
+    for side in [volumes, &report["run"]] {
         for what in ["load_seconds", "view_seconds", "peak_memory_bytes"] {
-            assert!(side[what].as_f64().unwrap() > 0.0, "{what}: {told}");
+            assert!(side[what].as_f64().unwrap() > 0.0, "{what}: {report}");
         }
     }
-    assert_eq!(told["run"]["preparation_seconds"], json(&root.join("data/prepare.json"))["seconds"]);
+    assert_eq!(report["run"]["preparation_seconds"], json(&root.join("data/prepare.json"))["seconds"]);
     let table = raycast("v_*.raw", &[]).assert().success();
     let table = String::from_utf8(table.get_output().stdout.clone()).unwrap();
     for words in

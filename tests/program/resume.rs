@@ -13,16 +13,16 @@ fn resume(path: &Path, more: &[&str]) -> assert_cmd::Command {
 }
 
 #[test]
-fn the_run_alone_is_enough_and_its_logs_may_change() {
+fn a_run_resumes_from_its_folder_alone_and_its_log_settings_may_change() {
     let root = dataset();
     let (whole, run) = (root.path().join("whole"), root.path().join("run"));
     train(root.path(), "whole", &[]).assert().success();
     train(root.path(), "run", &[]).args(["--stop-after", "37"]).assert().success();
     let more = ["--set", "output.log_every=5", "--set", "output.checkpoint_every=7", "--set", "output.keep=3"];
     let output = resume(&run, &more).assert().success().get_output().clone();
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert!(told.contains("note: output.log_every was 10 and is 5 now"), "{told}");
-    assert!(newest_bytes(&run) == newest_bytes(&whole), "a resumed run ends elsewhere");
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert!(message.contains("note: output.log_every was 10 and is 5 now"), "{message}");
+    assert!(newest_bytes(&run) == newest_bytes(&whole), "the resumed run has a different result");
     assert_eq!(names(&run.join("checkpoints")).len(), 3);
     let steps: Vec<u64> = metrics(&run).iter().map(|l| l["step"].as_u64().unwrap()).collect();
     assert_eq!(steps[..6], [10, 20, 30, 40, 45, 50]);
@@ -47,10 +47,10 @@ fn a_trained_run_can_be_lengthened_but_not_shortened_or_changed() {
     );
     assert!(newest_bytes(&run) == before);
     let output = resume(&run, &["--set", "stages.joint_steps=60"]).assert().success().get_output().clone();
-    let told = String::from_utf8(output.stderr).unwrap();
+    let message = String::from_utf8(output.stderr).unwrap();
     assert!(
-        told.contains("stages.joint_steps was 30 and is 60 now: rates") && told.contains("not that of a run"),
-        "{told}"
+        message.contains("stages.joint_steps was 30 and is 60 now: rates") && message.contains("not that of a run"),
+        "{message}"
     );
     let record = json(&run.join("run.json"));
     assert_eq!((&record["status"], &record["steps"]), (&"complete".into(), &80.into()));
@@ -78,7 +78,7 @@ const LATER_KEYS: &[&str] = &[
 ];
 
 #[test]
-fn a_run_from_before_keys_existed_goes_on_as_it_began() {
+fn a_run_older_than_some_keys_resumes_with_its_original_behaviour() {
     let root = dataset();
     let (whole, run) = (root.path().join("whole"), root.path().join("run"));
     // at that time the means' rate in warm-up fell over the length of the joint stage
@@ -99,13 +99,13 @@ fn a_run_from_before_keys_existed_goes_on_as_it_began() {
     std::fs::write(&path, state.to_string()).unwrap();
 
     let output = resume(&run, &[]).assert().success().get_output().clone();
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert!(!told.contains(" was "), "nothing has changed: {told}");
-    assert!(newest_bytes(&run) == newest_bytes(&whole), "a resumed run ends elsewhere");
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert!(!message.contains(" was "), "nothing has changed: {message}");
+    assert!(newest_bytes(&run) == newest_bytes(&whole), "the resumed run has a different result");
 }
 
 #[test]
-fn a_run_without_a_checkpoint_is_not_begun_anew() {
+fn a_run_without_a_checkpoint_is_not_restarted() {
     let root = dataset();
     let run = root.path().join("run");
     refused(&mut resume(&run, &[]), &["run"]);
@@ -115,24 +115,24 @@ fn a_run_without_a_checkpoint_is_not_begun_anew() {
     for entry in checkpoint::list(&run) {
         std::fs::remove_file(entry.1.join("state.json")).unwrap();
     }
-    refused(&mut resume(&run, &[]), &["step-000012: state.json is missing", "no older checkpoint is whole"]);
+    refused(&mut resume(&run, &[]), &["step-000012: state.json is missing", "no older checkpoint is intact"]);
     refused(volseggs().arg("eval").arg(&run), &["step-000012: state.json is missing"]);
     std::fs::remove_dir_all(run.join("checkpoints")).unwrap();
     let metrics_before = std::fs::read(run.join("metrics.jsonl")).unwrap();
-    refused(&mut resume(&run, &[]), &["no checkpoint to go on from"]);
-    refused(train(root.path(), "run", &[]).arg("--resume"), &["no checkpoint to go on from"]);
+    refused(&mut resume(&run, &[]), &["no checkpoint to resume from"]);
+    refused(train(root.path(), "run", &[]).arg("--resume"), &["no checkpoint to resume from"]);
     assert_eq!(std::fs::read(run.join("metrics.jsonl")).unwrap(), metrics_before);
 }
 
 #[test]
-fn garbage_in_the_metrics_is_told_once_and_changes_nothing() {
+fn garbage_in_the_metrics_is_reported_once_and_changes_nothing() {
     let root = dataset();
     let run = root.path().join("run");
     train(root.path(), "run", &[]).args(["--stop-after", "12"]).assert().success();
     std::fs::write(run.join("metrics.jsonl"), "garbage\n").unwrap();
     let record = std::fs::read(run.join("run.json")).unwrap();
-    let told = refused(&mut resume(&run, &[]), &["metrics.jsonl:1: not a JSON line", "remove"]);
-    assert_eq!(told.matches("metrics.jsonl").count(), 1, "{told}");
+    let message = refused(&mut resume(&run, &[]), &["metrics.jsonl:1: not a JSON line", "remove"]);
+    assert_eq!(message.matches("metrics.jsonl").count(), 1, "{message}");
     assert_eq!(std::fs::read(run.join("run.json")).unwrap(), record);
 }
 
@@ -145,7 +145,7 @@ fn damage(path: &Path) {
 }
 
 #[test]
-fn a_damaged_checkpoint_is_found_and_the_older_one_offered() {
+fn a_damaged_checkpoint_is_reported_and_the_older_one_suggested() {
     let root = dataset();
     let (whole, run) = (root.path().join("whole"), root.path().join("run"));
     train(root.path(), "whole", &[]).assert().success();
@@ -154,7 +154,7 @@ fn a_damaged_checkpoint_is_found_and_the_older_one_offered() {
     damage(&newest.join("scene.safetensors"));
     damage(&newest.join("optimizer.safetensors"));
     let offer = format!("volseggs train --resume {}", older.display());
-    refused(&mut resume(&run, &[]), &["step-000037", "damaged", "digest", "older checkpoint is whole", &offer]);
+    refused(&mut resume(&run, &[]), &["step-000037", "damaged", "digest", "older checkpoint is intact", &offer]);
     for (command, more) in [("eval", &[][..]), ("render", &["--out", "x"]), ("export", &["--out", "x.ply"])] {
         let mut program = volseggs();
         program.current_dir(root.path()).arg(command).arg(&run).args(more);
@@ -164,19 +164,22 @@ fn a_damaged_checkpoint_is_found_and_the_older_one_offered() {
     let mut program = volseggs();
     program.args(["export"]).arg(&older).args(["--out", &text(root.path(), "older.ply")]).assert().success();
     resume(&older, &[]).assert().success();
-    assert!(newest_bytes(&run) == newest_bytes(&whole), "the run ends elsewhere");
-    assert!(names(&run.join("checkpoints")).contains(&"aside-step-000037".to_owned()), "nothing is thrown away");
+    assert!(newest_bytes(&run) == newest_bytes(&whole), "the run has a different result");
+    assert!(
+        names(&run.join("checkpoints")).contains(&"aside-step-000037".to_owned()),
+        "the damaged checkpoint is kept"
+    );
     assert_eq!(metrics(&run), metrics(&whole));
 
     // if none is complete, the message says so
     for (_, path) in checkpoint::list(&run) {
         damage(&path.join("scene.safetensors"));
     }
-    refused(volseggs().arg("eval").arg(&run), &["damaged", "no older checkpoint is whole"]);
+    refused(volseggs().arg("eval").arg(&run), &["damaged", "no older checkpoint is intact"]);
 }
 
 #[test]
-fn a_checkpoint_that_lost_a_file_is_not_passed_over_without_a_word() {
+fn an_incomplete_checkpoint_is_reported_and_not_skipped() {
     let root = dataset();
     let (whole, run) = (root.path().join("whole"), root.path().join("run"));
     train(root.path(), "whole", &[]).assert().success();
@@ -187,7 +190,7 @@ fn a_checkpoint_that_lost_a_file_is_not_passed_over_without_a_word() {
     refused(&mut resume(&run, &[]), &["step-000080: state.json is missing", &offer]);
     refused(volseggs().arg("eval").arg(&run), &["step-000080: state.json is missing"]);
     resume(&older, &[]).assert().success();
-    assert!(newest_bytes(&run) == newest_bytes(&whole), "the run ends elsewhere");
+    assert!(newest_bytes(&run) == newest_bytes(&whole), "the run has a different result");
     assert!(names(&run.join("checkpoints")).contains(&"aside-step-000080".to_owned()));
     // a checkpoint that was set aside can be resumed from too, and older ones stay
     resume(&run.join("checkpoints/step-000070"), &["--stop-after", "70"]).assert().success();
@@ -197,7 +200,7 @@ fn a_checkpoint_that_lost_a_file_is_not_passed_over_without_a_word() {
 }
 
 #[test]
-fn what_is_written_about_an_older_checkpoint_is_kept_apart() {
+fn results_of_an_older_checkpoint_are_kept_separately() {
     let root = dataset();
     let run = root.path().join("run");
     train(root.path(), "run", &[]).assert().success();
@@ -213,7 +216,7 @@ fn what_is_written_about_an_older_checkpoint_is_kept_apart() {
 }
 
 #[test]
-fn places_where_no_run_can_be_are_refused_first() {
+fn invalid_run_folders_are_refused_first() {
     let root = dataset();
     std::fs::write(root.path().join("plain"), "mine").unwrap();
     refused(&mut train(root.path(), "plain", &[]), &["plain", "is not a folder"]);
@@ -222,12 +225,12 @@ fn places_where_no_run_can_be_are_refused_first() {
     assert!(!root.path().join("data/.lock").exists());
     // before the first step there is nothing to resume, and the hint says what to do instead
     let output = train(root.path(), "run", &[]).args(["--stop-after", "0"]).assert().get_output().clone();
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert!(told.contains("next: volseggs train --data ") && told.contains("/config.toml --out "), "{told}");
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert!(message.contains("next: volseggs train --data ") && message.contains("/config.toml --out "), "{message}");
 }
 
 #[test]
-fn a_nan_in_a_scene_is_named_with_tensor_and_row() {
+fn a_nan_in_a_scene_is_reported_with_tensor_and_row() {
     let root = dataset();
     let run = root.path().join("run");
     train(root.path(), "run", &[]).args(["--stop-after", "12"]).assert().success();
@@ -249,7 +252,7 @@ fn a_nan_in_a_scene_is_named_with_tensor_and_row() {
 }
 
 #[test]
-fn a_folder_that_is_no_run_keeps_its_files() {
+fn a_folder_without_a_run_keeps_its_files() {
     let root = dataset();
     let run = root.path().join("run");
     std::fs::create_dir(&run).unwrap();

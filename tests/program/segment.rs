@@ -5,7 +5,7 @@ use serde_json::Value;
 use std::path::Path;
 
 #[test]
-fn from_a_run_to_parts_followed_through_time() {
+fn a_run_is_segmented_split_and_tracked_through_time() {
     let folder = dataset();
     let root = folder.path();
     train(root, "run", &[]).assert().success();
@@ -38,14 +38,17 @@ fn from_a_run_to_parts_followed_through_time() {
     assert!(fine["loss"].as_f64().unwrap().is_finite());
     let bytes = std::fs::read(segments.join("affinity.safetensors")).unwrap();
     run_json(root, &["segment", "fine", "run", "--steps", "30", "--pixels", "256"]);
-    assert!(std::fs::read(segments.join("affinity.safetensors")).unwrap() == bytes, "the same seed, another field");
+    assert!(
+        std::fs::read(segments.join("affinity.safetensors")).unwrap() == bytes,
+        "the same seed gives another field"
+    );
 
     let parts = run_json(root, &["segment", "split", "run", &name, "--clusters", "2", "--scale", "0.5"]);
     assert_eq!(parts.as_array().unwrap().len(), 2);
     assert_eq!(parts[0]["parent"], name.as_str());
     run_json(root, &["segment", "split", "run", &name, "--clusters", "3"]);
     let all = run_json(root, &["segment", "list", "run"]);
-    assert_eq!(all["segments"].as_array().unwrap().len(), 2 + 3, "parts of before give way");
+    assert_eq!(all["segments"].as_array().unwrap().len(), 2 + 3, "the previous parts are replaced");
 
     let part = format!("{name}.1");
     let arguments =
@@ -75,7 +78,7 @@ fn clicks_and_groups(root: &Path, name: &str) {
     };
     let found = click(&[]);
     assert!(found["segments"].as_array().unwrap().contains(&name.into()), "{found}");
-    assert!(found["made"].is_null() && std::fs::read(&file).unwrap() == before, "a look changes nothing");
+    assert!(found["made"].is_null() && std::fs::read(&file).unwrap() == before, "a query changes nothing");
 
     let count = |v: &Value| v["made"][1].as_u64().unwrap();
     let all = count(&click(&["--name", "all", "--threshold", "-1"]));
@@ -103,13 +106,13 @@ fn clicks_and_groups(root: &Path, name: &str) {
         (&["pick", "run", "--view", "999", "--pixel", "1,1"], &["--view 999"]),
         (&["pick", "run", "--camera", "3,-2,1.5", "--pixel", "16,16", "--scale", "2"], &["--scale", "between 0 and 1"]),
         (&["pick", "run", "--camera", "3,-2,1.5", "--pixel", "16,16", "--within", "nobody"], &["nobody"]),
-        (&["group", "run", name, "some"], &["there is one of that name"]),
+        (&["group", "run", name, "some"], &["this name is taken"]),
         (&["group", "run", "a b", "some"], &["letters"]),
         (&["remove", "run", "some", "nobody"], &["nobody"]),
     ] {
         refused(volseggs().current_dir(root).arg("segment").args(arguments), needles);
     }
-    assert!(std::fs::read(&file).unwrap() == bytes, "what is refused changes nothing");
+    assert!(std::fs::read(&file).unwrap() == bytes, "refused commands change nothing");
 }
 
 #[test]

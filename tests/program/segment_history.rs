@@ -38,7 +38,7 @@ fn refused_and_unchanged(root: &Path, arguments: &[&str], words: &[&str]) {
 }
 
 #[test]
-fn changes_of_segments_are_taken_back() {
+fn changes_of_segments_are_undone_and_redone() {
     let folder = two_colours(&["--stop-after", "40"]);
     let root = folder.path();
     let colours = listed(root);
@@ -55,8 +55,8 @@ fn changes_of_segments_are_taken_back() {
     let all = run_json(root, &["segment", "list", "run"]);
     let done = [format!("remove {two}"), "group both".into(), "coarse".into()];
     assert_eq!((&all["undo"], &all["redo"]), (&serde_json::json!(done), &serde_json::json!([])));
-    let (_, told) = segment(root, &["list", "run"]);
-    assert!(told.contains("3 to undo") && told.contains("segment undo run"), "{told}");
+    let (_, message) = segment(root, &["list", "run"]);
+    assert!(message.contains("3 to undo") && message.contains("segment undo run"), "{message}");
 
     let (out, _) = segment(root, &["undo", "run"]);
     assert_eq!(out, format!("undone: remove {two}\n"));
@@ -65,8 +65,11 @@ fn changes_of_segments_are_taken_back() {
     assert_eq!(listed(root), [one, "both"]);
     let undone = run_json(root, &["segment", "undo", "run", "--count", "3"]);
     assert_eq!(undone["undone"], serde_json::json!(done));
-    let (out, told) = segment(root, &["list", "run"]);
-    assert!(out.is_empty() && told.contains("segment coarse run") && told.contains("3 to redo"), "{out}{told}");
+    let (out, message) = segment(root, &["list", "run"]);
+    assert!(
+        out.is_empty() && message.contains("segment coarse run") && message.contains("3 to redo"),
+        "{out}{message}"
+    );
     assert_eq!(run_json(root, &["segment", "list", "run"])["segments"], serde_json::json!([]));
     refused_and_unchanged(root, &["undo", "run"], &["nothing to undo", "segments.safetensors"]);
     refused_and_unchanged(root, &["redo", "run", "--count", "4"], &["--count 4", "between 1 and 3"]);
@@ -93,13 +96,13 @@ fn changes_of_segments_are_taken_back() {
     bytes[last] ^= 1;
     std::fs::write(file(root), bytes).unwrap();
     refused_and_unchanged(root, &["undo", "run"], &["segments.safetensors", "damaged"]);
-    let (_, told) = segment(root, &["coarse", "run", "--clusters", "2", "--replace"]);
-    assert!(told.contains("cannot be brought back") && told.contains("damaged"), "{told}");
+    let (_, message) = segment(root, &["coarse", "run", "--clusters", "2", "--replace"]);
+    assert!(message.contains("undo cannot restore") && message.contains("damaged"), "{message}");
     assert_eq!(run_json(root, &["segment", "list", "run"])["undo"], serde_json::json!(["coarse"]));
 }
 
 #[test]
-fn commands_at_the_same_time_lose_nothing_of_each_other() {
+fn simultaneous_commands_are_all_kept() {
     let folder = two_colours(&[]);
     let root = folder.path();
     let whole = &listed(root)[0];
@@ -114,7 +117,7 @@ fn commands_at_the_same_time_lose_nothing_of_each_other() {
 }
 
 #[test]
-fn a_split_takes_nothing_away_that_somebody_made() {
+fn a_split_keeps_segments_that_the_user_made() {
     let folder = two_colours(&[]);
     let root = folder.path();
     let colours = listed(root);
@@ -135,7 +138,7 @@ fn a_split_takes_nothing_away_that_somebody_made() {
     pick("mine", name);
     assert_eq!(split(&["--clusters", "3"]), [part(1), part(2), part(3)]);
     let tree = [vec![name.to_owned(), "mine".into(), part(1), part(2), part(3)], colours[1..].to_vec()].concat();
-    assert_eq!(listed(root), tree, "parts stand below their whole");
+    assert_eq!(listed(root), tree, "parts are listed below their parent");
     let (out, _) = segment(root, &["list", "run"]);
     assert_eq!(out.lines().filter(|l| l.starts_with("  ")).count(), 4, "{out}");
 
@@ -170,7 +173,7 @@ fn a_split_takes_nothing_away_that_somebody_made() {
 }
 
 #[test]
-fn every_gaussian_of_coarse_is_accounted_for() {
+fn coarse_accounts_for_every_gaussian() {
     let folder = two_colours(&[]);
     let root = folder.path();
     let coarse = ["segment", "coarse", "run", "--replace", "--min-opacity", "0.05"];
@@ -178,18 +181,21 @@ fn every_gaussian_of_coarse_is_accounted_for() {
     let number = |key: &str| found[key].as_u64().unwrap();
     let outside = number("transparent") + number("outliers") + number("not_finite");
     assert_eq!((number("in_segments") + outside, number("gaussians")), (400, 400), "{found}");
-    let (out, told) = segment(root, &coarse[1..]);
+    let (out, message) = segment(root, &coarse[1..]);
     let counts: Vec<u64> = out.lines().map(|l| l.split_whitespace().nth(1).unwrap().parse().unwrap()).collect();
     assert!(counts.iter().sum::<u64>() == number("in_segments") && counts.iter().all(|n| *n > 0), "{out}");
     let line = format!("{} of 400 Gaussians are in segments; {} are too", number("in_segments"), number("transparent"));
-    assert!(told.contains(&line) && told.contains("--min-opacity 0.05") && told.contains("--keep-outliers"), "{told}");
+    assert!(
+        message.contains(&line) && message.contains("--min-opacity 0.05") && message.contains("--keep-outliers"),
+        "{message}"
+    );
     // if none are left, the previous segments stay
     let none = ["coarse", "run", "--replace", "--min-opacity", "1"];
     refused_and_unchanged(root, &none, &["no segments", "400 are too transparent", "--min-opacity 1"]);
 }
 
 #[test]
-fn numbers_that_no_command_can_use_are_refused() {
+fn invalid_numbers_are_refused() {
     let folder = two_colours(&[]);
     let root = folder.path();
     let name = &listed(root)[0];
@@ -232,7 +238,7 @@ fn numbers_that_no_command_can_use_are_refused() {
 }
 
 #[test]
-fn a_segment_gets_another_name_and_edits_follow_it() {
+fn renaming_a_segment_updates_its_edits() {
     let folder = two_colours(&["--stop-after", "40"]);
     let root = folder.path();
     let colours = listed(root);
@@ -248,7 +254,7 @@ fn a_segment_gets_another_name_and_edits_follow_it() {
     assert_eq!((listed(root), edits(root)), (vec!["core".to_owned(), two.to_owned()], "core".into()));
 
     refused_and_unchanged(root, &["rename", "run", one, "x"], &["no segment", one]);
-    refused_and_unchanged(root, &["rename", "run", "core", two], &["there is one of that name"]);
+    refused_and_unchanged(root, &["rename", "run", "core", two], &["this name is taken"]);
     refused_and_unchanged(root, &["rename", "run", "core", "../x"], &["cannot be a name"]);
     std::fs::create_dir_all(root.join("run/track").join(two)).unwrap();
     refused_and_unchanged(root, &["rename", "run", two, "x"], &["track", two]);

@@ -35,12 +35,12 @@ fn train(root: &Path, name: &str, more: &[&str]) -> assert_cmd::Command {
 }
 
 #[test]
-fn one_time_of_many_is_trained_measured_and_drawn() {
+fn one_time_of_several_is_trained_evaluated_and_rendered() {
     let root = dataset();
     let run = root.path().join("run");
     let output = train(root.path(), "run", &["data.only_times=[0.3]"]).assert().success().get_output().clone();
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert!(told.contains("6 training views of 32x32 at 1 times"), "{told}");
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert!(message.contains("6 training views of 32x32 at 1 times"), "{message}");
     let record = json(&run.join("run.json"));
     assert_eq!((&record["status"], &record["steps"]), (&"complete".into(), &200.into()));
     let lines = metrics(&run);
@@ -49,8 +49,8 @@ fn one_time_of_many_is_trained_measured_and_drawn() {
     assert!(psnr(19) > psnr(0) + 3.0, "{} dB, then {} dB", psnr(0), psnr(19));
 
     let output = volseggs().args(["eval", "--json"]).arg(&run).assert().success().get_output().clone();
-    let told = String::from_utf8(output.stderr).unwrap();
-    assert!(told.contains("data.only_times") && told.contains("0.333"), "{told}");
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert!(message.contains("data.only_times") && message.contains("0.333"), "{message}");
     let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(summary["views"], 2, "the test views at that time");
     assert!(summary["psnr"].as_f64().unwrap() > 15.0, "{summary}");
@@ -67,7 +67,7 @@ fn one_time_of_many_is_trained_measured_and_drawn() {
 }
 
 #[test]
-fn times_that_cannot_be_chosen_are_refused_by_name() {
+fn invalid_times_are_refused_by_key() {
     let root = dataset();
     let cases: [(&str, &[&str]); 3] = [
         ("data.only_times=[0.3,0.35]", &["data.only_times", "0.3 and 0.35 both choose the training time 0.333"]),

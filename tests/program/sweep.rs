@@ -83,13 +83,13 @@ fn a_sweep_that_is_killed_three_times_loses_nothing_and_repeats_nothing() {
         child.wait().unwrap();
         let now = done(&killed);
         assert!((wanted..12).contains(&now.len()), "{} done", now.len());
-        assert!(before.iter().all(|(f, t)| now.get(f) == Some(t)), "a run that was done was done again");
+        assert!(before.iter().all(|(f, t)| now.get(f) == Some(t)), "a completed run was repeated");
         before = now;
     }
     sweep(&["--jobs", "2"], &file, &killed).assert().success();
     let now = done(&killed);
     assert_eq!(now.len(), 12);
-    assert!(before.iter().all(|(f, t)| now.get(f) == Some(t)), "a run that was done was done again");
+    assert!(before.iter().all(|(f, t)| now.get(f) == Some(t)), "a completed run was repeated");
     assert_eq!(table(&straight, "twelve"), table(&killed, "twelve"));
     // nothing is left to do, so nothing is done
     let again = sweep(&["--json"], &file, &killed).assert().success();
@@ -102,7 +102,7 @@ fn a_sweep_that_is_killed_three_times_loses_nothing_and_repeats_nothing() {
 }
 
 #[test]
-fn two_calls_at_once_share_the_runs() {
+fn two_simultaneous_calls_share_the_runs() {
     let file = sweep_file("shared", "seeds = [7]\n[grid]\n'model.channels' = [4, 8, 16, 32]");
     let out = root().join("shared-out");
     let mut other = start(&file, &out);
@@ -117,7 +117,7 @@ fn two_calls_at_once_share_the_runs() {
 }
 
 #[test]
-fn a_run_that_fails_is_recorded_and_the_others_go_on() {
+fn a_failed_run_is_recorded_and_the_others_continue() {
     let file = sweep_file(
         "failing",
         "[[variant]]\nname = 'good'\n[[variant]]\nname = 'wild'\nset = { 'optim.means' = 1e38 }\n\
@@ -146,7 +146,7 @@ fn a_run_that_fails_is_recorded_and_the_others_go_on() {
 }
 
 #[test]
-fn a_run_that_fails_before_a_rung_is_no_success() {
+fn a_run_that_fails_before_a_rung_fails_the_sweep() {
     let file = sweep_file(
         "wild",
         "[[variant]]\nname = 'good'\n[[variant]]\nname = 'wild'\nset = { 'optim.means' = 1e38 }\n\
@@ -159,7 +159,7 @@ fn a_run_that_fails_before_a_rung_is_no_success() {
 }
 
 #[test]
-fn a_dry_run_shows_and_changes_nothing() {
+fn a_dry_run_lists_the_runs_and_changes_nothing() {
     let file = sweep_file("dry", TWELVE);
     let out = root().join("dry-out");
     let said = sweep(&["--dry-run"], &file, &out).assert().success();
@@ -222,7 +222,7 @@ fn runs_are_compared_over_their_seeds() {
 }
 
 #[test]
-fn devices_are_trained_side_by_side() {
+fn devices_are_trained_and_compared() {
     let mut program = Command::new(BINARY);
     program
         .args(["sweep", "devices", "--devices", "flex,ndarray", "--every", "20", "--json", "--data"])
@@ -251,7 +251,7 @@ fn rebuilt(name: &str) -> PathBuf {
 }
 
 /// Runs `PROGRAM sweep ARGUMENTS... --out OUT`; returns standard output and standard error.
-fn said(program: &Path, arguments: &[&str], file: &Path, out: &Path) -> (String, String) {
+fn outputs(program: &Path, arguments: &[&str], file: &Path, out: &Path) -> (String, String) {
     let mut command = Command::new(program);
     command.arg("sweep").args(arguments).arg(file).arg("--out").arg(out);
     let output = command.assert().success().get_output().clone();
@@ -271,13 +271,13 @@ const TWO: &str = "metrics = ['psnr', 'fps', 'fps_with_copy', 'model_mb', 'model
                    [[variant]]\nname = 'second'\nset = { 'loss.kind' = 'l1' }";
 
 #[test]
-fn a_rebuilt_program_trains_anew_and_takes_over_only_what_it_is_told_to() {
+fn a_rebuilt_program_retrains_and_adopts_older_runs_only_on_request() {
     let (file, out, program) = (sweep_file("rebuilt", TWO), root().join("rebuilt-out"), Path::new(BINARY));
     let (old, other) = (build_of(program), rebuilt("volseggs-rebuilt"));
     let new = build_of(&other);
     assert_ne!(old, new);
-    let (_, told) = said(program, &[], &file, &out);
-    assert!(!told.contains("build"), "{told}");
+    let (_, message) = outputs(program, &[], &file, &out);
+    assert!(!message.contains("build"), "{message}");
     let first = done(&out);
     assert_eq!(first.len(), 2);
     let untouched = |now: &BTreeMap<PathBuf, SystemTime>| first.iter().all(|(f, t)| now.get(f) == Some(t));
@@ -288,38 +288,41 @@ fn a_rebuilt_program_trains_anew_and_takes_over_only_what_it_is_told_to() {
         assert!(json(metrics)["build"].as_str().unwrap().starts_with(&old));
     }
     // the same program has nothing to do, and nothing to report about builds
-    let (_, told) = said(program, &[], &file, &out);
-    assert!(told.contains("2 of 2 runs are done before") && !told.contains("build"), "{told}");
+    let (_, message) = outputs(program, &[], &file, &out);
+    assert!(message.contains("2 of 2 runs are already done") && !message.contains("build"), "{message}");
     assert_eq!(done(&out), first);
 
     // the rebuilt program shows the existing results, and names their build
-    let (status, told) = said(&other, &["status"], &file, &out);
+    let (status, message) = outputs(&other, &["status"], &file, &out);
     assert_eq!(status.matches(" done ").count(), 2, "{status}");
-    assert!(told.contains(&old) && told.contains(&new), "{told}");
-    let (table, told) = said(&other, &["collect"], &file, &out);
-    assert!(table.contains(&old) && !table.contains("missing") && told.contains(&new), "{table}{told}");
+    assert!(message.contains(&old) && message.contains(&new), "{message}");
+    let (table, message) = outputs(&other, &["collect"], &file, &out);
+    assert!(table.contains(&old) && !table.contains("missing") && message.contains(&new), "{table}{message}");
 
     // it retrains, and says so
-    let (_, told) = said(&other, &["--dry-run"], &file, &out);
-    let line = told.lines().find(|l| l.contains("--any-build")).unwrap();
-    assert!(line.contains("2 runs") && line.contains(&old) && line.contains("anew"), "{line}");
-    let (_, told) = said(&other, &["--only", "first"], &file, &out);
-    assert!(told.contains("--any-build"), "{told}");
+    let (_, message) = outputs(&other, &["--dry-run"], &file, &out);
+    let line = message.lines().find(|l| l.contains("--any-build")).unwrap();
+    assert!(line.contains("2 runs") && line.contains(&old) && line.contains("trained again"), "{line}");
+    let (_, message) = outputs(&other, &["--only", "first"], &file, &out);
+    assert!(message.contains("--any-build"), "{message}");
     let now = done(&out);
     assert!(now.len() == 3 && untouched(&now), "{now:?}");
 
     // planned by the new build, half done: the old build's run is reported beside it, and shown on request
-    let (status, _) = said(&other, &["status"], &file, &out);
+    let (status, _) = outputs(&other, &["status"], &file, &out);
     let open = status.lines().find(|l| l.contains(" to do ")).unwrap();
     assert!(open.contains(&old) && status.matches(" done ").count() == 1, "{status}");
-    let (table, told) = said(&other, &["collect"], &file, &out);
-    assert!(table.contains("1 missing") && told.contains("--any-build") && told.contains(&old), "{table}{told}");
-    let (table, _) = said(&other, &["collect", "--any-build"], &file, &out);
+    let (table, message) = outputs(&other, &["collect"], &file, &out);
+    assert!(
+        table.contains("1 missing") && message.contains("--any-build") && message.contains(&old),
+        "{table}{message}"
+    );
+    let (table, _) = outputs(&other, &["collect", "--any-build"], &file, &out);
     assert!(!table.contains("missing") && table.contains(&old) && table.contains(&new), "{table}");
 
     // on request, it adopts the other one
-    let (_, told) = said(&other, &["--any-build"], &file, &out);
-    assert!(told.contains(&old) && told.contains("2 of 2 runs are done before"), "{told}");
+    let (_, message) = outputs(&other, &["--any-build"], &file, &out);
+    assert!(message.contains(&old) && message.contains("2 of 2 runs are already done"), "{message}");
     assert_eq!(done(&out), now);
     let results = json(&out.join("rebuilt/results.json"));
     let builds: Vec<&str> =
@@ -333,36 +336,36 @@ fn a_rebuilt_program_trains_anew_and_takes_over_only_what_it_is_told_to() {
     }
 
     // without the request, it goes on to train what it has not trained itself
-    said(&other, &[], &file, &out);
+    outputs(&other, &[], &file, &out);
     let now = done(&out);
     assert!(now.len() == 4 && untouched(&now), "{now:?}");
 }
 
 #[test]
-fn a_worker_of_another_build_than_planned_trains_a_run_of_its_own() {
+fn a_worker_of_an_unplanned_build_trains_its_own_run() {
     let (file, out, program) = (sweep_file("handed", TWO), root().join("handed-out"), Path::new(BINARY));
-    said(program, &["--only", "first"], &file, &out);
+    outputs(program, &["--only", "first"], &file, &out);
     let (old, other) = (build_of(program), rebuilt("volseggs-handed"));
     let new = build_of(&other);
     // like a Slurm task whose program was rebuilt while it was queued
     let mut worker = Command::new(&other);
     let output = worker.args(["sweep", "worker", "--task", "1"]).arg(out.join("handed")).assert().success();
-    let told = String::from_utf8_lossy(&output.get_output().stderr).into_owned();
-    assert!(told.contains(&old) && told.contains(&new) && told.contains("\ndone\n"), "{told}");
+    let message = String::from_utf8_lossy(&output.get_output().stderr).into_owned();
+    assert!(message.contains(&old) && message.contains(&new) && message.contains("\ndone\n"), "{message}");
     let runs: Vec<PathBuf> = done(&out).into_keys().map(|f| f.parent().unwrap().to_owned()).collect();
     let of = |build: &str| runs.iter().filter(|r| r.to_str().unwrap().ends_with(&format!("-{build}"))).count();
     assert_eq!((runs.len(), of(&old), of(&new)), (2, 1, 1), "{runs:?}");
-    let (status, _) = said(program, &["status"], &file, &out);
+    let (status, _) = outputs(program, &["status"], &file, &out);
     assert!(status.contains(&format!("finished by build {new}")), "{status}");
     // it does not repeat what is done
     let again =
         Command::new(&other).args(["sweep", "worker", "--task", "1"]).arg(out.join("handed")).assert().success();
-    assert!(String::from_utf8_lossy(&again.get_output().stderr).contains("done before"));
+    assert!(String::from_utf8_lossy(&again.get_output().stderr).contains("already done"));
 }
 
 #[test]
 #[cfg(target_os = "linux")]
-fn all_runs_are_of_the_program_that_began_also_if_its_file_is_replaced() {
+fn all_runs_use_the_program_that_started_even_if_its_file_is_replaced() {
     let (file, out) = (sweep_file("replaced", TWO), root().join("replaced-out"));
     let (program, other) = (rebuilt("volseggs-replaced"), PathBuf::from(BINARY));
     let begun = build_of(&program);

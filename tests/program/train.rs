@@ -72,16 +72,16 @@ fn training_improves_the_images() {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_bytes_whatever_the_threads() {
+fn the_same_seed_gives_the_same_bytes_for_any_number_of_threads() {
     let root = dataset();
     let bytes = |name: &str, threads: &str, more: &[&str]| {
         train(root.path(), name, more).env("RAYON_NUM_THREADS", threads).assert().success();
         newest_bytes(&root.path().join(name))
     };
     let one = bytes("one", "1", &[]);
-    assert!(bytes("two", "2", &[]) == one, "two threads give another result than one");
-    assert!(bytes("four", "4", &[]) == one, "four threads give another result than one");
-    assert!(bytes("again", "4", &[]) == one, "the same twice differs");
+    assert!(bytes("two", "2", &[]) == one, "two threads give a different result from one");
+    assert!(bytes("four", "4", &[]) == one, "four threads give a different result from one");
+    assert!(bytes("again", "4", &[]) == one, "two identical runs differ");
     let other = bytes("other", "2", &["seed=1"]);
     assert!(other.0 != one.0 && other.1 != one.1, "another seed gives the same result");
 }
@@ -96,10 +96,10 @@ fn a_stopped_and_resumed_run_equals_an_uninterrupted_one() {
     assert_eq!((&record["status"], &record["steps"]), (&"interrupted".into(), &37.into()));
     assert_eq!(names(&parts.join("checkpoints")), ["step-000030", "step-000037"]);
     train(root.path(), "parts", &[]).args(["--resume", "--stop-after", "20"]).assert().success();
-    assert_eq!(json(&parts.join("run.json"))["steps"], 37, "a limit already passed takes no step back");
+    assert_eq!(json(&parts.join("run.json"))["steps"], 37, "a limit already passed undoes no steps");
 
     train(root.path(), "parts", &[]).arg("--resume").assert().success();
-    assert!(newest_bytes(&parts) == newest_bytes(&whole), "a resumed run ends elsewhere");
+    assert!(newest_bytes(&parts) == newest_bytes(&whole), "the resumed run has a different result");
     assert_eq!(metrics(&parts), metrics(&whole));
     let record = json(&parts.join("run.json"));
     assert_eq!((&record["status"], &record["steps"]), (&"complete".into(), &80.into()));
@@ -111,7 +111,7 @@ fn a_stopped_and_resumed_run_equals_an_uninterrupted_one() {
 }
 
 #[test]
-fn so_does_one_with_every_saving() {
+fn a_resumed_run_with_every_speed_setting_equals_an_uninterrupted_one() {
     let root = dataset();
     let savings = ["speed.coarse_steps=40", "speed.sort_every=25", "speed.cull_visits=4", "densify.mode=off"];
     // many start where there is nothing, and fade quickly
@@ -123,9 +123,9 @@ fn so_does_one_with_every_saving() {
     let parts = root.path().join("parts");
     let (tensors, _) = read_tensors(&parts.join("checkpoints/step-000069/optimizer.safetensors")).unwrap();
     let asleep = tensors.iter().filter(|(name, _)| name.starts_with("asleep."));
-    assert!(asleep.flat_map(|(_, t)| &t.values[1..]).any(|v| *v > 0.0), "nobody sleeps: nothing is tested");
+    assert!(asleep.flat_map(|(_, t)| &t.values[1..]).any(|v| *v > 0.0), "no Gaussian is asleep, so nothing is tested");
     train(root.path(), "parts", &more).arg("--resume").assert().success();
-    assert!(newest_bytes(&parts) == newest_bytes(&root.path().join("whole")), "a resumed run ends elsewhere");
+    assert!(newest_bytes(&parts) == newest_bytes(&root.path().join("whole")), "the resumed run has a different result");
 }
 
 fn spawn(root: &Path, name: &str, more: &[&str]) -> Child {
@@ -164,7 +164,7 @@ fn check_checkpoints(run: &Path) -> usize {
 }
 
 #[test]
-fn a_killed_run_keeps_whole_checkpoints_and_ends_the_same() {
+fn a_killed_run_keeps_complete_checkpoints_and_ends_the_same() {
     let root = dataset();
     let more = ["stages.joint_steps=280", "densify.joint_until=200", "output.checkpoint_every=4"];
     let started = Instant::now();
@@ -194,7 +194,7 @@ fn a_killed_run_keeps_whole_checkpoints_and_ends_the_same() {
     for folder in [run.clone(), run.join("checkpoints")] {
         assert!(names(&folder).iter().all(|n| !n.starts_with(".tmp-")), "temporaries are left in {}", folder.display());
     }
-    assert!(newest_bytes(&run) == newest_bytes(&root.path().join("whole")), "a killed run ends elsewhere");
+    assert!(newest_bytes(&run) == newest_bytes(&root.path().join("whole")), "the killed run has a different result");
     assert_eq!(metrics(&run), metrics(&root.path().join("whole")));
     assert_eq!(json(&run.join("run.json"))["status"], "complete");
 }
@@ -238,7 +238,7 @@ fn signals_save_a_checkpoint() {
 }
 
 #[test]
-fn a_run_is_neither_overwritten_nor_continued_with_something_else() {
+fn a_run_is_neither_overwritten_nor_resumed_with_other_settings() {
     let root = dataset();
     train(root.path(), "run", &[]).args(["--stop-after", "12"]).assert().success();
     let run = root.path().join("run");

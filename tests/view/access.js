@@ -2,7 +2,7 @@
 (() => {
   const faults = [];
   const seen = (e) => e.checkVisibility({ visibilityProperty: true, contentVisibilityAuto: true }) && e.getClientRects().length > 0;
-  const told = (e) => `<${e.tagName.toLowerCase()}${e.id ? ` id=${e.id}` : ""}> ${(e.textContent || e.ariaLabel || "").trim().slice(0, 30)}`;
+  const describe = (e) => `<${e.tagName.toLowerCase()}${e.id ? ` id=${e.id}` : ""}> ${(e.textContent || e.ariaLabel || "").trim().slice(0, 30)}`;
 
   // a name for everything that can be operated; a placeholder or a title alone is none
   const name = (e) => {
@@ -11,27 +11,27 @@
     return [e.getAttribute("aria-label"), by, ...[...(e.labels ?? [])].map((l) => l.textContent), own].join("").replace(/[^\p{L}\p{N}]/gu, "");
   };
   const operable = [...document.querySelectorAll("button, input, select, textarea, a[href], summary, [tabindex], [role=button], [role=slider]")];
-  for (const e of operable) if (!name(e)) faults.push(`no name: ${told(e)}`);
-  for (const e of operable) if (e.tabIndex > 0) faults.push(`positive tabindex: ${told(e)}`);
-  for (const e of operable) if (seen(e) && !e.disabled && e.tabIndex < 0) faults.push(`not reached by Tab: ${told(e)}`);
-  for (const e of document.querySelectorAll("[role=slider]")) if (seen(e) && !e.hasAttribute("aria-valuenow")) faults.push(`no value: ${told(e)}`);
+  for (const e of operable) if (!name(e)) faults.push(`no name: ${describe(e)}`);
+  for (const e of operable) if (e.tabIndex > 0) faults.push(`positive tabindex: ${describe(e)}`);
+  for (const e of operable) if (seen(e) && !e.disabled && e.tabIndex < 0) faults.push(`not reached by Tab: ${describe(e)}`);
+  for (const e of document.querySelectorAll("[role=slider]")) if (seen(e) && !e.hasAttribute("aria-valuenow")) faults.push(`no value: ${describe(e)}`);
   const ids = [...document.querySelectorAll("[id]")].map((e) => e.id);
-  for (const id of new Set(ids.filter((id, k) => ids.indexOf(id) !== k))) faults.push(`id twice: ${id}`);
+  for (const id of new Set(ids.filter((id, k) => ids.indexOf(id) !== k))) faults.push(`duplicate id: ${id}`);
   for (const of of ["for", "aria-labelledby", "aria-describedby", "aria-controls"]) {
     for (const e of document.querySelectorAll(`[${of}]`)) {
-      for (const id of e.getAttribute(of).split(/\s+/)) if (!document.getElementById(id)) faults.push(`${of} names nothing: ${told(e)}`);
+      for (const id of e.getAttribute(of).split(/\s+/)) if (!document.getElementById(id)) faults.push(`${of} refers to nothing: ${describe(e)}`);
     }
   }
 
   // the page as a whole
   if (document.documentElement.lang !== "en") faults.push("no language");
   if (!document.title) faults.push("no title");
-  if (document.querySelectorAll("main").length !== 1) faults.push("not one main landmark");
-  if (document.querySelectorAll("h1").length !== 1) faults.push("not one h1");
+  if (document.querySelectorAll("main").length !== 1) faults.push("not exactly one main landmark");
+  if (document.querySelectorAll("h1").length !== 1) faults.push("not exactly one h1");
   for (const e of document.querySelectorAll("aside, section, fieldset, [role=group], dialog")) {
-    if (seen(e) && !name(e) && !e.querySelector(":scope > legend")?.textContent) faults.push(`a part without a name: ${told(e)}`);
+    if (seen(e) && !name(e) && !e.querySelector(":scope > legend")?.textContent) faults.push(`a part without a name: ${describe(e)}`);
   }
-  for (const e of document.body.querySelectorAll(":scope > :not(main, aside, header, footer, nav, dialog, script)")) faults.push(`in no landmark: ${told(e)}`);
+  for (const e of document.body.querySelectorAll(":scope > :not(main, aside, header, footer, nav, dialog, script)")) faults.push(`outside every landmark: ${describe(e)}`);
   if (!document.querySelector("[role=status][aria-live=polite], [aria-live=polite]")) faults.push("no live region");
 
   // text that can be read: a contrast of 4.5, whatever the picture behind it
@@ -60,7 +60,7 @@
     if (!(words || e.matches("input:not([type=range], [type=checkbox], [type=color]), select")) || e.matches("script, option, title") || e.closest("svg, :disabled") || !seen(e)) continue;
     for (const end of [[0, 0, 0], [255, 255, 255]]) {
       const back = behind(e, end), at = contrast(over(rgba(getComputedStyle(e).color), back), back);
-      if (at < 4.5) { faults.push(`contrast ${at.toFixed(2)}: ${told(e)}`); break; }
+      if (at < 4.5) { faults.push(`contrast ${at.toFixed(2)}: ${describe(e)}`); break; }
     }
   }
   return faults;

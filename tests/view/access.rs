@@ -14,7 +14,7 @@ const UNFOLD: &str = "document.querySelectorAll('details').forEach((part) => { p
 /// Returns the script of axe-core, if this machine has it.
 fn axe() -> Option<String> {
     let Ok(file) = std::env::var("VOLSEGGS_AXE") else {
-        skip(Need::Axe, "VOLSEGGS_AXE is not set, a file axe.min.js of axe-core, so its faults are not looked for");
+        skip(Need::Axe, "VOLSEGGS_AXE, the path of axe-core's axe.min.js, is not set, so its checks are skipped");
         return None;
     };
     Some(std::fs::read_to_string(&file).unwrap_or_else(|e| panic!("VOLSEGGS_AXE={file}: {e}")))
@@ -33,7 +33,7 @@ fn faults(browser: &mut Browser, tab: &Tab, axe: Option<&str>) -> Vec<Value> {
 }
 
 #[test]
-fn nobody_is_kept_out() {
+fn the_page_is_accessible_in_light_and_dark() {
     let Some(mut browser) = Browser::start() else { return };
     let axe = axe();
     let axe = axe.as_deref();
@@ -57,7 +57,7 @@ fn nobody_is_kept_out() {
         browser.wait(&tab, "!document.getElementById('gizmo').hasAttribute('hidden')");
         browser.rests(&tab);
         browser.shoot(&tab, &format!("6-{scheme}"));
-        assert_eq!(faults(&mut browser, &tab, axe), [] as [Value; 0], "{scheme}, with all there is");
+        assert_eq!(faults(&mut browser, &tab, axe), [] as [Value; 0], "{scheme}, with everything shown");
         browser.eval(&tab, "document.getElementById('picture').focus()");
         browser.key(&tab, "?", 8);
         browser.wait(&tab, "document.getElementById('help').open");
@@ -72,7 +72,7 @@ fn nobody_is_kept_out() {
 }
 
 #[test]
-fn keys_alone_reach_everything_and_show_where_they_are() {
+fn every_control_is_reachable_by_keys_and_shows_its_focus() {
     let Some(mut browser) = Browser::start() else { return };
     let folder = run();
     let server = Server::start(folder.path(), &[]);
@@ -110,7 +110,7 @@ fn keys_alone_reach_everything_and_show_where_they_are() {
         &tab,
         &format!("{missed:?}.map((k) => document.querySelector(`[data-nth='${{k}}']`)?.outerHTML.slice(0, 90))"),
     );
-    assert!(missed.is_empty(), "Tab does not come to {what}");
+    assert!(missed.is_empty(), "Tab does not reach {what}");
 
     // a part is folded by keys, and stays folded when the page is reloaded
     browser.eval(&tab, "document.querySelector('#part-look summary').focus()");

@@ -27,7 +27,7 @@ fn pause(window: &mut Window, id: u32, pause: bool) {
 }
 
 /// Waits for a message about the training whose live part satisfies `fits`.
-fn told(window: &mut Window, fits: impl Fn(&Value) -> bool) -> Value {
+fn training_message(window: &mut Window, fits: impl Fn(&Value) -> bool) -> Value {
     window.wait_for(|m| m["type"] == "training" && fits(&m["live"]))
 }
 
@@ -36,7 +36,7 @@ fn is_paused(live: &Value) -> bool {
 }
 
 #[test]
-fn looking_on_and_pausing_changes_no_bit_and_the_last_picture_is_of_the_last_scene() {
+fn watching_and_pausing_change_no_bit_and_the_last_picture_shows_the_final_scene() {
     let folder = dataset();
     let root = folder.path();
     train(root, "alone", &SETTINGS).assert().success();
@@ -45,7 +45,7 @@ fn looking_on_and_pausing_changes_no_bit_and_the_last_picture_is_of_the_last_sce
     let (mut window, welcome) = Window::open(&server);
     assert_eq!((&welcome["in_training"], &welcome["can_pause"]), (&json!(true), &json!(true)));
     pause(&mut window, 1, true);
-    let first = told(&mut window, is_paused)["steps"].as_u64().unwrap();
+    let first = training_message(&mut window, is_paused)["steps"].as_u64().unwrap();
     assert!(first < 1000, "{first} steps before the first window");
     // many pictures during each pause, with steps between the pauses
     let mut seen = Vec::new();
@@ -58,30 +58,30 @@ fn looking_on_and_pausing_changes_no_bit_and_the_last_picture_is_of_the_last_sce
         }
         pause(&mut window, id, false);
         window.say(&view(&welcome, 0.3, "colour", false));
-        told(&mut window, |live| live["steps"].as_u64() > Some(last + 20));
+        training_message(&mut window, |live| live["steps"].as_u64() > Some(last + 20));
         pause(&mut window, id + 1, true);
-        let now = told(&mut window, |live| is_paused(live) && live["shown"] == live["steps"]);
+        let now = training_message(&mut window, |live| is_paused(live) && live["shown"] == live["steps"]);
         window.say(&view(&welcome, 0.3, "colour", false));
         last = now["steps"].as_u64().unwrap();
         seen.push((last, window.lossless().picture));
     }
-    assert!(seen.windows(2).all(|w| w[0].0 < w[1].0 && w[0].1 != w[1].1), "newer scenes look otherwise");
+    assert!(seen.windows(2).all(|w| w[0].0 < w[1].0 && w[0].1 != w[1].1), "newer scenes look different");
     pause(&mut window, 9, false);
     let ended = window.wait_for(|m| m["type"] == "ended");
     assert!(ended["message"].as_str().unwrap().contains("complete after 1520 steps"), "{ended}");
     assert!(server.wait().success());
 
     let [alone, beside] = [root.join("alone"), root.join("run")];
-    assert!(newest_bytes(&alone) == newest_bytes(&beside), "another scene or optimiser");
+    assert!(newest_bytes(&alone) == newest_bytes(&beside), "the scene or the optimiser differs");
     assert_eq!(metrics(&alone), metrics(&beside));
     let out = root.join("still").display().to_string();
     let still = ["render", "run", "--camera", "3,-2,1.5", "--time", "0.3", "--out", &out];
     volseggs().current_dir(root).args(still).assert().success();
-    assert!(window.picture == std::fs::read(root.join("still/0000.png")).unwrap(), "other bytes than render's");
+    assert!(window.picture == std::fs::read(root.join("still/0000.png")).unwrap(), "different bytes from render's");
 }
 
 #[test]
-fn a_pause_stops_the_steps_for_every_window_and_a_signal_ends_it_with_a_checkpoint() {
+fn a_pause_applies_to_every_window_and_a_signal_ends_it_with_a_checkpoint() {
     let folder = dataset();
     let root = folder.path();
     let mut server = start(root, &SETTINGS, &[]);
@@ -89,19 +89,19 @@ fn a_pause_stops_the_steps_for_every_window_and_a_signal_ends_it_with_a_checkpoi
     let (mut second, _) = Window::open(&server);
     pause(&mut second, 1, true);
     assert_eq!(second.wait_for(|m| m["id"] == 1)["type"], "done");
-    let steps = told(&mut first, is_paused)["steps"].as_u64().unwrap();
+    let steps = training_message(&mut first, is_paused)["steps"].as_u64().unwrap();
     let log = || std::fs::metadata(root.join("run/metrics.jsonl")).unwrap().len();
     let before = log();
     std::thread::sleep(Duration::from_millis(700));
     assert_eq!(log(), before);
     let (mut third, _) = Window::open(&server);
-    assert_eq!(told(&mut third, is_paused)["steps"].as_u64(), Some(steps), "not one step more");
+    assert_eq!(training_message(&mut third, is_paused)["steps"].as_u64(), Some(steps), "no further step");
 
     pause(&mut first, 2, false);
-    told(&mut third, |live| live["paused"] == false && live["steps"].as_u64() > Some(steps));
+    training_message(&mut third, |live| live["paused"] == false && live["steps"].as_u64() > Some(steps));
     pause(&mut first, 3, true);
     let later = |live: &Value| is_paused(live) && live["steps"].as_u64() > Some(steps);
-    let steps = told(&mut second, later)["steps"].as_u64().unwrap();
+    let steps = training_message(&mut second, later)["steps"].as_u64().unwrap();
     server.signal("TERM");
     let ended = third.wait_for(|m| m["type"] == "ended");
     assert!(ended["message"].as_str().unwrap().contains("interrupted"), "{ended}");
@@ -113,11 +113,11 @@ fn a_pause_stops_the_steps_for_every_window_and_a_signal_ends_it_with_a_checkpoi
     let path = root.join("run").display().to_string();
     volseggs().args(["train", "--resume", &path]).assert().success();
     train(root, "alone", &SETTINGS).assert().success();
-    assert!(newest_bytes(&root.join("run")) == newest_bytes(&root.join("alone")), "a pause left something behind");
+    assert!(newest_bytes(&root.join("run")) == newest_bytes(&root.join("alone")), "a pause changed the result");
 }
 
 #[test]
-fn nothing_but_a_pause_can_be_asked_of_a_training_and_not_even_that_read_only() {
+fn a_training_accepts_only_a_pause_and_not_even_that_when_read_only() {
     let folder = dataset();
     let root = folder.path();
     let server = start(root, &["stages.joint_steps=200000"], &[]);
@@ -155,7 +155,7 @@ fn nothing_but_a_pause_can_be_asked_of_a_training_and_not_even_that_read_only() 
 }
 
 #[test]
-fn a_viewer_that_cannot_be_served_stops_a_training_before_it_begins() {
+fn a_viewer_that_cannot_start_prevents_the_training() {
     let folder = dataset();
     let root = folder.path();
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
@@ -167,7 +167,7 @@ fn a_viewer_that_cannot_be_served_stops_a_training_before_it_begins() {
 }
 
 #[test]
-fn a_person_looks_on_and_has_the_training_pause() {
+fn a_user_watches_and_pauses_a_training() {
     let Some(mut browser) = Browser::start() else { return };
     let folder = dataset();
     let mut server = start(folder.path(), &["stages.joint_steps=200000"], &[]);
@@ -181,13 +181,13 @@ fn a_person_looks_on_and_has_the_training_pause() {
     browser.wait(&tab, &format!("{step} > {first}"));
     let until = Instant::now() + Duration::from_secs(60);
     while browser.picture(&tab) == picture {
-        assert!(Instant::now() < until, "the picture stays");
+        assert!(Instant::now() < until, "the picture does not change");
         std::thread::sleep(Duration::from_millis(50));
     }
     browser.wait(&tab, "document.getElementById('pause').checkVisibility()");
     browser.eval(&tab, "document.getElementById('pause').click()");
     browser.wait(&tab, &format!("/^Training: paused, /.test({})", text("training-figures")));
-    browser.wait(&tab, &format!("{} === 'go on' && {}.includes('pauses')", text("pause"), text("message")));
+    browser.wait(&tab, &format!("{} === 'resume' && {}.includes('is paused')", text("pause"), text("message")));
     browser.rests(&tab);
     let paused = browser.eval(&tab, &text("training-figures"));
     browser.shoot(&tab, "7-train-view");

@@ -139,7 +139,7 @@ impl Browser {
         while self.eval(tab, &guarded) != true {
             if Instant::now() > until {
                 let said = self.eval(tab, "document.body.innerText.slice(0, 600)");
-                panic!("not in {PATIENCE:?}: {expression}; wrong: {:?}; the page: {said}", self.wrong);
+                panic!("not reached within {PATIENCE:?}: {expression}; errors: {:?}; the page: {said}", self.wrong);
             }
             std::thread::sleep(Duration::from_millis(30));
         }

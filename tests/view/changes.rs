@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 const WINDOWS: u64 = 3;
 
 #[test]
-fn of_changes_by_windows_and_commands_at_once_none_is_lost() {
+fn simultaneous_changes_by_windows_and_commands_are_all_kept() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);
@@ -69,7 +69,7 @@ fn of_changes_by_windows_and_commands_at_once_none_is_lost() {
 }
 
 #[test]
-fn of_two_clicks_that_become_segments_at_once_one_is_stale_and_a_window_need_not_stay_for_its_own() {
+fn one_of_two_simultaneous_commits_is_stale_and_a_commit_outlives_its_window() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);

@@ -9,7 +9,7 @@ use volseggs::device::DeviceName;
 use volseggs::run::OpenRun;
 
 #[test]
-fn beside_a_picture_is_the_one_that_it_is_compared_with() {
+fn the_comparison_picture_shows_what_was_requested() {
     let folder = run();
     let root = folder.path();
     let name = list(root)[0]["name"].as_str().unwrap().to_owned();
@@ -75,8 +75,8 @@ fn beside_a_picture_is_the_one_that_it_is_compared_with() {
     assert!(window.frames_within(1.5).iter().all(|f| f.kind == 0));
     wanted["compare"] = json!({ "with": "image", "view": 10_000 });
     window.say(&wanted);
-    let told = window.wait_for(|m| m["type"] == "beside");
-    assert!(told["fault"].as_str().unwrap().contains("has views 0 to"), "{told}");
+    let message = window.wait_for(|m| m["type"] == "beside");
+    assert!(message["fault"].as_str().unwrap().contains("has views 0 to"), "{message}");
     assert!(window.lossless().png, "the picture itself is there");
 }
 
@@ -92,7 +92,7 @@ fn with_another() -> tempfile::TempDir {
 }
 
 #[test]
-fn another_run_is_drawn_as_render_draws_it_from_the_same_camera_at_the_same_time() {
+fn another_run_is_drawn_as_render_draws_it() {
     let folder = with_another();
     let root = folder.path();
     let name = list(root)[0]["name"].as_str().unwrap().to_owned();
@@ -117,7 +117,7 @@ fn another_run_is_drawn_as_render_draws_it_from_the_same_camera_at_the_same_time
         assert!(picture.number == other.number && picture.picture != other.picture);
         other.picture
     };
-    assert!(beside(0, "colour", &[]) == rendered("my other/run", &[]), "other bytes than render's");
+    assert!(beside(0, "colour", &[]) == rendered("my other/run", &[]), "different bytes from render's");
     // the checkpoint is of the same run: its segments and edits are those of the run, which do not fit it
     assert!(beside(1, "colour", &[]) == rendered("run/checkpoints/step-000070", &["--no-edits"]));
     // a segment that the other run lacks leaves only the background
@@ -133,7 +133,7 @@ fn another_run_is_drawn_as_render_draws_it_from_the_same_camera_at_the_same_time
 }
 
 #[test]
-fn what_another_run_lacks_is_told_and_the_picture_is_drawn_nevertheless() {
+fn what_another_run_lacks_is_reported_and_the_picture_is_still_drawn() {
     let folder = with_another();
     let root = folder.path();
     let server = Server::start(root, &["--with", "my other/run"]);
@@ -141,8 +141,8 @@ fn what_another_run_lacks_is_told_and_the_picture_is_drawn_nevertheless() {
     let mut wanted = view(&welcome, 0.3, "segments", false);
     wanted["compare"] = json!({ "with": "run", "run": 0 });
     window.say(&wanted);
-    let told = window.wait_for(|m| m["type"] == "beside");
-    assert!(told["fault"].as_str().unwrap().contains("segment coarse 'my other/run'"), "{told}");
+    let message = window.wait_for(|m| m["type"] == "beside");
+    assert!(message["fault"].as_str().unwrap().contains("segment coarse 'my other/run'"), "{message}");
     assert!(window.lossless().png);
     wanted["look"] = "colour".into();
     window.say(&wanted);
@@ -154,7 +154,7 @@ fn what_another_run_lacks_is_told_and_the_picture_is_drawn_nevertheless() {
 }
 
 #[test]
-fn a_run_that_cannot_be_opened_beside_another_is_one_error_at_the_start() {
+fn an_invalid_comparison_run_is_refused_at_the_start() {
     let folder = run();
     let root = folder.path();
     let view = |with: &[&str]| {
@@ -172,7 +172,7 @@ fn a_run_that_cannot_be_opened_beside_another_is_one_error_at_the_start() {
 }
 
 #[test]
-fn a_person_compares_with_another_run() {
+fn a_user_compares_with_another_run() {
     let Some(mut browser) = Browser::start() else { return };
     let folder = with_another();
     let server = Server::start(folder.path(), &["--with", "my other/run"]);

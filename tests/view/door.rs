@@ -16,7 +16,7 @@ fn get(server: &Server, path: &str, headers: &str) -> (String, String) {
 }
 
 #[test]
-fn only_who_has_the_token_and_means_this_server_is_let_in() {
+fn only_requests_to_this_server_with_its_token_are_accepted() {
     let folder = run();
     let server = Server::start(folder.path(), &[]);
     let (cookie, port) = (format!("Cookie: {}\r\n", server.cookie()), server.port);
@@ -72,7 +72,7 @@ fn only_who_has_the_token_and_means_this_server_is_let_in() {
 }
 
 #[test]
-fn nonsense_is_answered_and_too_much_ends_the_connection() {
+fn invalid_messages_are_answered_and_oversized_ones_end_the_connection() {
     let folder = run();
     let server = Server::start(folder.path(), &[]);
     let (mut window, welcome) = Window::open(&server);
@@ -107,7 +107,7 @@ fn nonsense_is_answered_and_too_much_ends_the_connection() {
 
 #[cfg(unix)]
 #[test]
-fn a_socket_file_is_for_its_owner_and_goes_with_the_viewer() {
+fn a_socket_file_is_private_to_its_owner_and_removed_at_the_end() {
     use std::io::{BufRead, BufReader};
     use std::os::unix::fs::PermissionsExt;
     use std::os::unix::net::UnixStream;

@@ -18,7 +18,7 @@ fn change(window: &mut Window, id: u32, what: &Value) -> Value {
 }
 
 #[test]
-fn a_preview_shows_what_the_edit_will_and_saves_nothing() {
+fn a_preview_shows_the_result_of_an_edit_and_saves_nothing() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);
@@ -43,7 +43,7 @@ fn a_preview_shows_what_the_edit_will_and_saves_nothing() {
     let mut old = shown.clone();
     old["preview"]["base"] = 0.into();
     window.say(&old);
-    assert!(window.lossless().picture == plain, "of another document");
+    assert!(window.lossless().picture == plain, "previews for another document are not shown");
 
     // saved: the same picture, even while the window still requests the preview, and at other times too
     window.say(&shown);
@@ -77,7 +77,7 @@ fn a_preview_shows_what_the_edit_will_and_saves_nothing() {
 }
 
 #[test]
-fn one_undo_takes_back_whichever_of_segments_and_edits_changed_last() {
+fn one_undo_reverts_the_last_change_of_segments_or_edits() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);
@@ -129,7 +129,7 @@ fn grip(browser: &mut Browser, tab: &Tab, label: &str) -> [f64; 2] {
 }
 
 #[test]
-fn a_person_drags_handles_and_takes_it_back() {
+fn a_user_drags_handles_and_undoes_it() {
     let Some(mut browser) = Browser::start() else { return };
     let folder = run();
     let root = folder.path();
@@ -177,7 +177,7 @@ fn a_person_drags_handles_and_takes_it_back() {
         browser.mouse(&tab, "mouseReleased", at);
         browser.wait(&tab, &format!("{edits} === {}", n + 1));
         browser.rests(&tab);
-        assert!(browser.picture(&tab) == preview && preview != before, "{label}: what was shown is what is saved");
+        assert!(browser.picture(&tab) == preview && preview != before, "{label}: the saved edit matches the preview");
         let made = operations(root);
         assert_eq!(made.len(), n + 1, "one drag is one edit");
         assert!(made[n].to_string().contains(kind), "{made:?}");

@@ -26,7 +26,7 @@ fn made(window: &mut Window, id: u32, task: &Value) -> String {
 }
 
 #[test]
-fn work_from_a_window_makes_the_files_that_commands_make() {
+fn jobs_from_a_window_write_the_same_files_as_commands() {
     let folder = run();
     let root = folder.path();
     for file in ["segments/masks.jsonl", "segments/affinity.safetensors"] {
@@ -40,7 +40,7 @@ fn work_from_a_window_makes_the_files_that_commands_make() {
     let name = window.document["segments"][0]["name"].as_str().unwrap().to_owned();
     let same = |file: &str| {
         let [viewed, typed] = [root, &typed].map(|root| std::fs::read(root.join("run").join(file)).unwrap());
-        assert!(viewed == typed, "{file}: other bytes than the command's");
+        assert!(viewed == typed, "{file}: different bytes from the command's");
     };
     let command = |words: &[&str]| drop(volseggs().current_dir(&typed).args(words).assert().success());
 
@@ -66,7 +66,11 @@ fn work_from_a_window_makes_the_files_that_commands_make() {
     let split = json!({ "kind": "split", "segment": name, "scale": 0.5, "clusters": 2, "replace": false });
     assert!(made(&mut window, 4, &split).contains("2 parts"));
     let part = format!("{name}.1");
-    assert!(window.document["segments"].to_string().contains(&part), "told before the end: {}", window.document);
+    assert!(
+        window.document["segments"].to_string().contains(&part),
+        "not announced before the end: {}",
+        window.document
+    );
     command(&["segment", "split", "run", &name, "--clusters", "2"]);
     let list = |root: &Path| run_json(root, &["segment", "list", "run"])["segments"].clone();
     assert_eq!(list(root), list(&typed));
@@ -88,7 +92,7 @@ fn work_from_a_window_makes_the_files_that_commands_make() {
 }
 
 #[test]
-fn work_is_told_to_who_comes_later_keeps_others_out_and_can_be_cancelled() {
+fn a_job_is_announced_to_later_windows_locks_the_run_and_can_be_cancelled() {
     let folder = run();
     let root = folder.path();
     let field = root.join("run/segments/affinity.safetensors");
@@ -120,13 +124,13 @@ fn work_is_told_to_who_comes_later_keeps_others_out_and_can_be_cancelled() {
     second.say(&json!({ "type": "cancel", "id": 5, "job": number }));
     assert_eq!(second.wait_for(|m| m["id"] == 5)["type"], "done");
     second.wait_for(|m| m["type"] == "job" && m["end"] == "stopped");
-    assert!(std::fs::read(&field).unwrap() == before, "the field of before");
+    assert!(std::fs::read(&field).unwrap() == before, "the previous field is kept");
     second.say(&json!({ "type": "change", "id": 6, "base": base, "change": fade }));
     assert_eq!(second.wait_for(|m| m["id"] == 6)["type"], "done", "the run is free again");
 }
 
 #[test]
-fn work_that_fails_is_a_message_and_a_viewer_that_only_looks_starts_none() {
+fn a_failed_job_is_reported_and_a_read_only_viewer_starts_none() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);

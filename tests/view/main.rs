@@ -74,7 +74,7 @@ fn list(root: &Path) -> Vec<Value> {
 }
 
 #[test]
-fn the_picture_at_rest_is_the_one_that_render_writes() {
+fn the_picture_at_rest_matches_that_of_render() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);
@@ -96,7 +96,10 @@ fn the_picture_at_rest_is_the_one_that_render_writes() {
         window.say(&view(&welcome, 0.3, look, false));
         let frame = window.lossless();
         assert_eq!((frame.width, frame.height, frame.png), (SIZE, SIZE, true));
-        assert!(frame.picture == std::fs::read(still.join("0000.png")).unwrap(), "{look}: other bytes than render's");
+        assert!(
+            frame.picture == std::fs::read(still.join("0000.png")).unwrap(),
+            "{look}: different bytes from render's"
+        );
     }
     for (look, palette, flags) in [
         ("velocity y", "cool-warm", &["--show", "velocity", "--velocity-axis", "y"][..]),
@@ -118,7 +121,7 @@ fn the_picture_at_rest_is_the_one_that_render_writes() {
 }
 
 #[test]
-fn a_window_that_takes_nothing_is_sent_two_frames_and_the_newest_view_wins() {
+fn a_window_without_acknowledgements_gets_two_frames_and_the_newest_view_wins() {
     let folder = run();
     let server = Server::start(folder.path(), &[]);
     let (mut window, welcome) = Window::open(&server);
@@ -128,14 +131,14 @@ fn a_window_that_takes_nothing_is_sent_two_frames_and_the_newest_view_wins() {
     }
     window.say(&view(&welcome, 0.7, "colour", false));
     let frames = window.frames_within(2.0);
-    assert_eq!(frames.len(), 2, "no more than two are on their way");
+    assert_eq!(frames.len(), 2, "at most two frames are in flight");
     window.takes = true;
     window.say(&json!({ "type": "ack", "frame": frames[1].number }));
-    assert!((window.lossless().time - 0.7).abs() < 1e-6, "what was wanted before is not drawn");
+    assert!((window.lossless().time - 0.7).abs() < 1e-6, "outdated views are not drawn");
 }
 
 #[test]
-fn what_a_click_makes_is_what_pick_makes() {
+fn a_click_makes_the_same_segment_as_pick() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);
@@ -177,7 +180,7 @@ fn what_a_click_makes_is_what_pick_makes() {
 }
 
 #[test]
-fn changes_are_shared_kept_and_refused_when_they_are_stale() {
+fn changes_are_shared_and_saved_and_stale_ones_refused() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);
@@ -222,7 +225,7 @@ fn changes_are_shared_kept_and_refused_when_they_are_stale() {
 }
 
 #[test]
-fn a_viewer_that_may_only_look_changes_nothing() {
+fn a_read_only_viewer_changes_nothing() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &["--read-only"]);

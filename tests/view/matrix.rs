@@ -26,7 +26,7 @@ fn head(server: &Server, request: &str) -> String {
 }
 
 #[test]
-fn every_mixture_of_host_origin_secret_and_method() {
+fn every_combination_of_host_origin_secret_and_method() {
     let folder = run();
     let server = Server::start(folder.path(), &[]);
     let port = server.port;
@@ -95,8 +95,12 @@ fn every_mixture_of_host_origin_secret_and_method() {
                             status == 400 || answer.contains("content-security-policy: default-src 'none'"),
                             "{answer}"
                         );
-                        let told = answer.contains(&server.token);
-                        assert_eq!(told, status == 303, "the secret is given to who brings it: {request}{answer}");
+                        let reveals = answer.contains(&server.token);
+                        assert_eq!(
+                            reveals,
+                            status == 303,
+                            "only clients that send the secret get it: {request}{answer}"
+                        );
                         asked += 1;
                         if status == 101 {
                             opened += 1;
@@ -112,7 +116,7 @@ fn every_mixture_of_host_origin_secret_and_method() {
 }
 
 #[test]
-fn the_page_runs_nothing_that_is_not_its_own() {
+fn the_page_loads_nothing_but_its_own_files() {
     let Some(mut browser) = Browser::start() else { return };
     let folder = run();
     let server = Server::start(folder.path(), &[]);
@@ -128,8 +132,8 @@ fn the_page_runs_nothing_that_is_not_its_own() {
         browser.wait(&tab, "true");
         std::thread::sleep(Duration::from_millis(300));
         browser.eval(&tab, "0");
-        let told = browser.wrong[before..].concat();
-        assert!(told.contains("Content Security Policy"), "{forbidden}: {told}");
+        let errors = browser.wrong[before..].concat();
+        assert!(errors.contains("Content Security Policy"), "{forbidden}: {errors}");
     }
     assert_eq!(browser.eval(&tab, "String(window.bad)"), "undefined");
 }

@@ -142,11 +142,11 @@ fn malformed_messages_are_answered_and_change_nothing_else() {
     }
     let (mut window, _) = Window::open(&server);
     window.say_bytes(b"{\"type\":\"clear\"}");
-    assert!(window.is_closed(), "there are no messages of bytes");
+    assert!(window.is_closed(), "binary messages are refused");
 }
 
 #[test]
-fn a_window_that_reads_nothing_stops_nobody_else() {
+fn a_window_that_reads_nothing_does_not_block_others() {
     let folder = run();
     let server = Server::start(folder.path(), &[]);
     let (mut deaf, welcome) = Window::open(&server);

@@ -10,7 +10,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 #[test]
-fn a_picture_is_saved_dropped_in_again_and_shared_as_a_link_and_a_command() {
+fn a_picture_is_saved_dropped_back_in_and_shared_as_a_link_and_a_command() {
     let Some(mut browser) = Browser::start() else { return };
     let folder = run();
     let root = folder.path();
@@ -75,9 +75,9 @@ fn a_picture_is_saved_dropped_in_again_and_shared_as_a_link_and_a_command() {
     browser.rests(&tab);
     assert_ne!(browser.picture(&tab), before);
     drop_in(&mut browser, &std::fs::read(&file).unwrap(), "volseggs.png");
-    browser.wait(&tab, "document.getElementById('message').textContent === 'As in volseggs.png.'");
+    browser.wait(&tab, "document.getElementById('message').textContent === 'View restored from volseggs.png.'");
     browser.rests(&tab);
-    assert_eq!(browser.picture(&tab), before, "the picture brings its view back");
+    assert_eq!(browser.picture(&tab), before, "the picture restores its view");
     browser.shoot(&tab, "4-dropped");
     drop_in(&mut browser, b"{\"view\":{\"eye\":[\"<b>\"]}}", "x.json");
     browser.wait(&tab, "document.getElementById('message').textContent.includes('there is no view in it')");
@@ -92,12 +92,12 @@ fn a_picture_is_saved_dropped_in_again_and_shared_as_a_link_and_a_command() {
     let end = browser.picture(&tab);
     browser.eval(&tab, "document.querySelector('#keys button').click()");
     browser.rests(&tab);
-    assert_eq!(browser.picture(&tab), before, "a keyframe is the view that it was made of");
+    assert_eq!(browser.picture(&tab), before, "a keyframe shows the view that it was made from");
     browser.eval(&tab, "document.getElementById('path-play').click()");
     browser.wait(&tab, "document.getElementById('path-play').textContent === 'stop'");
     browser.wait(&tab, "document.getElementById('path-play').textContent === 'play path'");
     browser.rests(&tab);
-    assert_eq!(browser.picture(&tab), end, "it ends at the last one");
+    assert_eq!(browser.picture(&tab), end, "the path ends at the last keyframe");
     browser.shoot(&tab, "5-path");
     browser.eval(&tab, "document.getElementById('path-save').click()");
     let path = downloads.path().join("path.json");
@@ -107,7 +107,7 @@ fn a_picture_is_saved_dropped_in_again_and_shared_as_a_link_and_a_command() {
     }
     let render = ["render", "run", "--path", path.to_str().unwrap(), "--frames", "3", "--out", "flight"];
     volseggs().current_dir(root).args(render).assert().success();
-    assert!(pixels(&root.join("flight/0000.png")) == pixels(&file), "it begins with the picture that was saved");
+    assert!(pixels(&root.join("flight/0000.png")) == pixels(&file), "the path begins with the saved picture");
     browser.eval(&tab, "document.querySelectorAll('#keys [aria-label]').forEach((b) => b.click())");
     browser.eval(&tab, "document.querySelectorAll('#keys [aria-label]').forEach((b) => b.click())");
     browser.wait(&tab, "document.querySelectorAll('#keys li').length === 0");
@@ -130,7 +130,7 @@ fn a_picture_is_saved_dropped_in_again_and_shared_as_a_link_and_a_command() {
 }
 
 #[test]
-fn a_person_compares_with_the_image_another_time_and_no_edits() {
+fn a_user_compares_with_the_image_another_time_and_no_edits() {
     let Some(mut browser) = Browser::start() else { return };
     let folder = run();
     let server = Server::start(folder.path(), &[]);
@@ -181,13 +181,16 @@ fn a_person_compares_with_the_image_another_time_and_no_edits() {
 }
 
 #[test]
-fn a_person_turns_scrubs_clicks_commits_edits_and_undoes() {
+fn a_user_turns_scrubs_clicks_commits_edits_and_undoes() {
     let Some(mut browser) = Browser::start() else { return };
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);
     let tab = browser.visit(&server);
-    assert!(!browser.eval(&tab, "location.href").as_str().unwrap().contains(&server.token), "the secret is gone");
+    assert!(
+        !browser.eval(&tab, "location.href").as_str().unwrap().contains(&server.token),
+        "the secret is removed from the address"
+    );
     browser.shoot(&tab, "1-start");
 
     // turn
@@ -203,7 +206,7 @@ fn a_person_turns_scrubs_clicks_commits_edits_and_undoes() {
     assert_ne!(browser.picture(&tab), before, "a drag turns the scene");
     browser.eval(&tab, "document.getElementById('reset').click()");
     browser.rests(&tab);
-    assert_eq!(browser.picture(&tab), before, "and a button turns it back");
+    assert_eq!(browser.picture(&tab), before, "a button resets the view");
 
     // time
     browser.set(&tab, "when", "0.9");
@@ -222,7 +225,7 @@ fn a_person_turns_scrubs_clicks_commits_edits_and_undoes() {
     browser.click(&tab, [x, y]);
     browser.wait(&tab, "/Gaussians/.test(document.getElementById('selected').textContent)");
     browser.rests(&tab);
-    assert_ne!(browser.picture(&tab), before, "what was clicked stands out");
+    assert_ne!(browser.picture(&tab), before, "the clicked object is highlighted");
     browser.shoot(&tab, "2-clicked");
     let likeliest = browser.eval(&tab, "document.getElementById('selected').textContent");
     browser.set(&tab, "cosine", "0.99");
@@ -241,7 +244,7 @@ fn a_person_turns_scrubs_clicks_commits_edits_and_undoes() {
     let other = browser.open(here.as_str().unwrap());
     browser.wait(&other, "document.getElementById('tree').textContent.includes('mine')");
     browser.rests(&other);
-    assert_eq!(browser.picture(&other), browser.picture(&tab), "the address holds the view");
+    assert_eq!(browser.picture(&other), browser.picture(&tab), "the address records the view");
 
     // an edit, seen by the command, then undone
     let plain = browser.picture(&tab);

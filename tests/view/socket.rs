@@ -159,7 +159,7 @@ impl Window {
                 }
                 Some(Message::Binary(bytes)) => drop(self.take(&bytes)),
                 Some(_) => {}
-                None => panic!("nothing that fits in {PATIENCE:?}"),
+                None => panic!("no matching message within {PATIENCE:?}"),
             }
         }
     }
@@ -182,7 +182,7 @@ impl Window {
                 }
                 Some(Message::Text(text)) if text.as_str().contains("\"error\"") => panic!("{text}"),
                 Some(_) => {}
-                None => panic!("no frame that fits in {PATIENCE:?}"),
+                None => panic!("no matching frame within {PATIENCE:?}"),
             }
         }
     }
@@ -199,7 +199,7 @@ impl Window {
                     }
                 }
                 Some(_) => {}
-                None => panic!("no frame without loss in {PATIENCE:?}"),
+                None => panic!("no lossless frame within {PATIENCE:?}"),
             }
         }
     }

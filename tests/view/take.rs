@@ -90,7 +90,7 @@ fn a_saved_picture_and_its_command_draw_it_again() {
 }
 
 #[test]
-fn files_that_hold_no_view_are_refused_by_name() {
+fn files_without_a_view_are_refused_by_name() {
     let folder = run();
     let root = folder.path();
     let refused = |view: &str, flags: &[&str], word: &str| {
@@ -101,8 +101,8 @@ fn files_that_hold_no_view_are_refused_by_name() {
         assert!(said.contains(view) && said.contains(word), "{view}: {said}");
         assert!(!root.join("still").exists());
     };
-    refused("nothing.png", &[], "neither a number");
-    refused("99999999999999999999999", &[], "no number");
+    refused("nothing.png", &[], "nor an existing file");
+    refused("99999999999999999999999", &[], "neither the number");
     refused("9999", &[], "has views 0 to");
     std::fs::write(root.join("x.json"), "{\"view\":{}}").unwrap();
     refused("x.json", &[], "missing");
@@ -115,7 +115,7 @@ fn files_that_hold_no_view_are_refused_by_name() {
         refused("good.json", flags, flags[0]);
     }
     std::fs::write(root.join("look.json"), good.replace("\"colour\"", "\"x\"")).unwrap();
-    refused("look.json", &[], "look: colour");
+    refused("look.json", &[], "look: must be colour");
     std::fs::write(root.join("who.json"), good.replace("\"edits\"", "\"alone\":[\"who\"],\"edits\"")).unwrap();
     refused("who.json", &[], "who");
 }
@@ -167,7 +167,11 @@ fn a_path_becomes_frames_or_a_film() {
 
     render(&["--out", "film.png", "--fps", "3"]).assert().success();
     let decoder = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(root.join("film.png")).unwrap()));
-    assert_eq!(decoder.read_info().unwrap().info().animation_control().unwrap().num_frames, 4, "a second, and its end");
+    assert_eq!(
+        decoder.read_info().unwrap().info().animation_control().unwrap().num_frames,
+        4,
+        "one second and its last frame"
+    );
     for (flags, word) in [
         (&["--out", "x", "--show", "depth"][..], "--show"),
         (&["--out", "x", "--radius", "3"], "--radius"),
@@ -181,7 +185,7 @@ fn a_path_becomes_frames_or_a_film() {
 
 #[cfg(unix)]
 #[test]
-fn a_film_is_what_ffmpeg_makes_of_all_frames_or_nothing() {
+fn a_film_is_what_ffmpeg_makes_of_all_frames_or_is_not_written() {
     use std::os::unix::fs::PermissionsExt;
     let folder = run();
     let root = folder.path();
@@ -216,7 +220,7 @@ fn a_film_is_what_ffmpeg_makes_of_all_frames_or_nothing() {
     assert_eq!(code, Some(0), "{said}");
     let bytes = std::fs::read(root.join("film.mp4")).unwrap();
     let size = (SIZE * SIZE * 3) as usize;
-    assert_eq!(bytes[3 * size..], *b"\0\0\0\x10freevolseggs", "a box that players pass over");
+    assert_eq!(bytes[3 * size..], *b"\0\0\0\x10freevolseggs", "a box that players skip");
     volseggs()
         .current_dir(root)
         .args(["render", "run", "--path", "path.json", "--frames", "3", "--out", "frames"])
@@ -225,7 +229,7 @@ fn a_film_is_what_ffmpeg_makes_of_all_frames_or_nothing() {
     let last = image::open(root.join("frames/0002.png")).unwrap().to_rgb8();
     assert!(bytes[2 * size..3 * size] == *last.as_raw());
     let (code, said) = film(Some("cat > \"$out\"; echo >> \"$out\""));
-    assert_eq!(code, Some(0), "its own film gives way: {said}");
+    assert_eq!(code, Some(0), "its own film is replaced: {said}");
     let other = b"\0\0\0\x18ftypisom of somebody else";
     std::fs::write(root.join("film.mp4"), other).unwrap();
     let (code, said) = film(Some("cat > \"$out\""));

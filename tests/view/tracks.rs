@@ -7,7 +7,7 @@ use crate::socket::{Server, Window};
 use serde_json::{Value, json};
 
 #[test]
-fn a_chart_shows_what_track_measures_also_where_nothing_may_be_changed() {
+fn a_chart_shows_what_track_measures_even_when_read_only() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &["--read-only"]);

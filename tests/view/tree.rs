@@ -16,7 +16,7 @@ fn operations(root: &Path) -> Vec<Value> {
 }
 
 #[test]
-fn a_segment_is_renamed_and_edits_and_masks_follow() {
+fn renaming_a_segment_updates_edits_and_masks() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);
@@ -38,7 +38,7 @@ fn a_segment_is_renamed_and_edits_and_masks_follow() {
     assert_eq!(operations(root)[0]["segments"], json!(["core"]), "edits follow");
     let row = window.document["segments"].as_array().unwrap().iter().find(|s| s["name"] == "core").unwrap();
     assert_eq!((&row["opacity"], &row["hidden"]), (&json!(0.5), &json!(false)));
-    assert!(window.lossless().picture == picture, "it looks as before");
+    assert!(window.lossless().picture == picture, "the picture is unchanged");
     let nobody = json!({ "kind": "rename", "segment": "nobody", "name": "x" });
     assert_eq!(change(&mut window, nobody)["type"], "error");
     // masks identify it by its Gaussians
@@ -53,7 +53,7 @@ fn a_segment_is_renamed_and_edits_and_masks_follow() {
 }
 
 #[test]
-fn a_pixel_shows_a_place() {
+fn a_pixel_maps_to_a_point_in_space() {
     let folder = run();
     let server = Server::start(folder.path(), &[]);
     let (mut window, welcome) = Window::open(&server);
@@ -71,13 +71,13 @@ fn a_pixel_shows_a_place() {
     let along = dot(ray, found) / dot(ray, ray);
     assert!(along > 0.5 && along < 1.5, "{at:?}");
     let off = dot(found, found) - along * along * dot(ray, ray);
-    assert!(off.max(0.0).sqrt() < 0.1, "{at:?} is {off} beside the ray");
+    assert!(off.max(0.0).sqrt() < 0.1, "{at:?} is {off} away from the ray");
     window.say(&json!({ "type": "point", "id": 3, "pixel": [99, 0] }));
     assert!(window.wait_for(|m| m["id"] == 3)["message"].as_str().unwrap().contains("32x32"));
 }
 
 #[test]
-fn a_person_works_in_the_tree() {
+fn a_user_works_in_the_tree() {
     let Some(mut browser) = Browser::start() else { return };
     let folder = run();
     let root = folder.path();
@@ -99,7 +99,7 @@ fn a_person_works_in_the_tree() {
     browser.eval(&tab, &set(&opacity, "0.2", "['input']"));
     browser.rests(&tab);
     assert_ne!(browser.picture(&tab), plain);
-    assert!(operations(root).is_empty(), "only shown");
+    assert!(operations(root).is_empty(), "shown but not saved");
     browser.eval(&tab, &set(&opacity, "0.2", "['input', 'change']"));
     browser.wait(&tab, "document.querySelectorAll('#edits li').length === 1");
     assert!(operations(root)[0].to_string().contains("0.2"));

@@ -59,7 +59,7 @@ impl Drop for Trainer {
 }
 
 #[test]
-fn newer_checkpoints_are_shown_and_the_last_picture_is_the_one_that_render_writes() {
+fn newer_checkpoints_are_shown_and_the_last_picture_matches_that_of_render() {
     let mut trainer = Trainer::start();
     let root = trainer.root().to_owned();
     let server = Server::start(&root, &[]);
@@ -96,7 +96,7 @@ fn newer_checkpoints_are_shown_and_the_last_picture_is_the_one_that_render_write
         if frame.picture == picture {
             break;
         }
-        assert!(Instant::now() < until, "other bytes than render's");
+        assert!(Instant::now() < until, "different bytes from render's");
     }
 
     // an incomplete checkpoint, such as one that a copying program has begun to write, is not read
@@ -109,7 +109,7 @@ fn newer_checkpoints_are_shown_and_the_last_picture_is_the_one_that_render_write
 }
 
 #[test]
-fn a_person_watches_a_training() {
+fn a_user_watches_a_training() {
     let Some(mut browser) = Browser::start() else { return };
     let trainer = Trainer::start();
     let server = Server::start(trainer.root(), &[]);
@@ -126,7 +126,7 @@ fn a_person_watches_a_training() {
     browser.wait(&tab, &format!("document.getElementById('scene').textContent !== {first}"));
     let until = Instant::now() + Duration::from_secs(60);
     while browser.picture(&tab) == picture {
-        assert!(Instant::now() < until, "the picture stays");
+        assert!(Instant::now() < until, "the picture does not change");
         std::thread::sleep(Duration::from_millis(50));
     }
     browser.wait(&tab, "document.querySelectorAll('#training-psnr .line').length === 2");
@@ -136,7 +136,7 @@ fn a_person_watches_a_training() {
 }
 
 #[test]
-fn a_training_that_was_killed_is_not_said_to_go_on() {
+fn a_killed_training_is_not_reported_as_running() {
     let mut trainer = Trainer::start();
     let root = trainer.root().to_owned();
     let server = Server::start(&root, &[]);
@@ -148,11 +148,11 @@ fn a_training_that_was_killed_is_not_said_to_go_on() {
     trainer.child.wait().unwrap();
     window.wait_for(|m| m["type"] == "training" && m["status"] == "broken off");
     assert_eq!(status(), "broken off");
-    assert_eq!(common::json(&root.join("run/run.json"))["status"], "running", "it could not write what became of it");
+    assert_eq!(common::json(&root.join("run/run.json"))["status"], "running", "a killed process cannot record its end");
 }
 
 #[test]
-fn segments_of_another_state_of_the_scene_are_left_out_and_kept() {
+fn segments_of_another_state_of_the_scene_are_hidden_but_kept() {
     let folder = run();
     let root = folder.path();
     let server = Server::start(root, &[]);
@@ -165,16 +165,16 @@ fn segments_of_another_state_of_the_scene_are_left_out_and_kept() {
     volseggs().current_dir(root).args(longer).assert().success();
 
     let newer = window.wait_for(|m| m["type"] == "welcome" && m["step"].as_u64() > welcome["step"].as_u64());
-    assert!(newer["note"].as_str().unwrap().contains("trained on since"), "{newer}");
-    assert_eq!(newer["clicks"], false, "the field is of the scene before");
+    assert!(newer["note"].as_str().unwrap().contains("trained further since"), "{newer}");
+    assert_eq!(newer["clicks"], false, "the field belongs to the previous scene");
     let document = window.wait_for(|m| m["type"] == "document" && m["segments"].as_array().is_some_and(Vec::is_empty));
     window.say(&view(&welcome, 0.3, "colour", false));
-    assert!(window.lossless().png, "it is drawn, without edits of what is not there");
+    assert!(window.lossless().png, "it is drawn without edits of missing segments");
     let coarse = json!({ "kind": "coarse", "time": 0.5, "clusters": 2 });
     window.say(&json!({ "type": "change", "id": 1, "base": document["revision"], "change": coarse }));
     let refused = window.wait_for(|m| m["id"] == 1);
     assert!(refused["message"].as_str().unwrap().contains("--replace"), "{refused}");
-    assert!(std::fs::read(&file).unwrap() == before, "the segments of before stay");
+    assert!(std::fs::read(&file).unwrap() == before, "the previous segments are kept");
 
     volseggs().current_dir(root).args(["edit", "undo", "run"]).assert().success();
     run_json(root, &["segment", "coarse", "run", "--clusters", "2", "--replace"]);

@@ -7,7 +7,7 @@ use serde_json::json;
 use std::time::Duration;
 
 #[test]
-fn a_person_trains_cancels_and_splits() {
+fn a_user_trains_cancels_and_splits() {
     let Some(mut browser) = Browser::start() else { return };
     let folder = run();
     let root = folder.path();

@@ -59,7 +59,7 @@ proptest! {
 }
 
 #[test]
-fn the_first_step_moves_by_the_rate_whatever_the_gradient() {
+fn the_first_step_moves_by_the_rate_for_any_gradient() {
     let (mut param, mut m, mut v) = (vec![0.0; 6], vec![0.0; 6], vec![0.0; 6]);
     let grad = [1e-3, -5.0, 100.0, 1e-3, -5.0, 100.0];
     let pattern = LrPattern { row_len: 6, head_len: 3, tail_factor: 0.1 };
@@ -77,7 +77,7 @@ fn a_zero_gradient_on_fresh_moments_moves_nothing() {
 }
 
 #[test]
-fn a_poisoned_gradient_is_named_and_nothing_moves() {
+fn a_poisoned_gradient_is_reported_and_nothing_is_updated() {
     let len = 50_000;
     for poison in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30] {
         for at in [0, 17_001, len - 1] {

@@ -6,7 +6,7 @@ use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 /// Lanes of the widest vectors.
-const WIDEST: usize = 16;
+const MAX_LANES: usize = 16;
 /// Pixels per task.
 const PIECE: usize = 64;
 
@@ -36,7 +36,7 @@ pub(super) fn by_sums(units: &[f32], masks: &[u32], apart: bool) -> (f64, Vec<f3
 /// Computes loss and gradient over all pairs: one pixel with a vector of others at a time, features stored as columns.
 pub(super) fn by_pairs(units: &[f32], masks: &[u32], margin: f32) -> (f64, Vec<f32>) {
     let count = masks.len();
-    let padded = count.next_multiple_of(WIDEST);
+    let padded = count.next_multiple_of(MAX_LANES);
     let mut columns = vec![0.0f32; FEATURES * padded];
     for (j, unit) in units.chunks_exact(FEATURES).enumerate() {
         for (k, &u) in unit.iter().enumerate() {

@@ -16,7 +16,7 @@ const ALL: [Repulsion; 5] =
     [Repulsion::Cosine, Repulsion::Margin(0.1), Repulsion::Margin(0.5), Repulsion::Margin(-1.0), Repulsion::None];
 
 #[test]
-fn loss_and_slope_are_those_of_all_pairs() {
+fn loss_and_gradient_match_the_sum_over_all_pairs() {
     let (features, masks) = case(45);
     let mut wide: Vec<f64> = features.iter().map(|v| f64::from(*v)).collect();
     for repulsion in ALL {
@@ -36,12 +36,15 @@ fn loss_and_slope_are_those_of_all_pairs() {
 }
 
 #[test]
-fn a_margin_of_minus_one_is_none() {
+fn a_margin_of_minus_one_has_the_gradient_of_cosines() {
     let (features, masks) = case(300);
-    let (none, least) = (contrast(&features, &masks, ALL[0]), contrast(&features, &masks, ALL[3]));
+    let (cosine, margin) = (contrast(&features, &masks, ALL[0]), contrast(&features, &masks, ALL[3]));
     let apart = masks.iter().flat_map(|a| masks.iter().map(move |b| f64::from(u8::from(a != b)))).sum::<f64>();
-    assert!((least.loss - none.loss - apart / (300.0 * 300.0)).abs() < 1e-5, "each pair apart counts 1 more");
-    assert!(none.gradient.iter().zip(&least.gradient).all(|(a, b)| (a - b).abs() < 1e-7));
+    assert!(
+        (margin.loss - cosine.loss - apart / (300.0 * 300.0)).abs() < 1e-5,
+        "each pair of different masks counts 1 more"
+    );
+    assert!(cosine.gradient.iter().zip(&margin.gradient).all(|(a, b)| (a - b).abs() < 1e-7));
 }
 
 #[test]
@@ -56,7 +59,7 @@ fn bits_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn a_feature_of_length_zero_has_no_gradient_and_nan_shows() {
+fn a_zero_feature_has_no_gradient_and_nan_propagates() {
     let (mut features, masks) = case(10);
     features[..FEATURES].fill(0.0);
     for repulsion in ALL {

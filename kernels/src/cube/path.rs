@@ -91,8 +91,8 @@ fn try_native(client: &Client) -> (bool, String) {
         f32::from_bits(out.read(client)[0])
     }));
     match sum {
-        Ok(64.0) => (true, "the driver reports float atomics, and a trial added right".into()),
-        Ok(other) => (false, format!("the driver reports float atomics, but a trial gave {other} for 64")),
+        Ok(64.0) => (true, "the driver reports float atomics, and a trial gave the correct sum".into()),
+        Ok(other) => (false, format!("the driver reports float atomics, but a trial gave {other} instead of 64")),
         Err(_) => (false, "the driver reports float atomics, but a trial failed".into()),
     }
 }

@@ -10,12 +10,12 @@ const UNITS: u32 = 256;
 /// Elements per cube when the buffer is split into blocks.
 const BLOCK: usize = 2048;
 /// Maximum number of elements scanned by a single cube.
-const ALONE: usize = 8192;
+const ONE_CUBE_MAX: usize = 8192;
 
 /// Replaces each element by the sum of those before it.
 pub(crate) fn exclusive(client: &Client, data: &Words) {
     let len = data.len();
-    if len <= ALONE {
+    if len <= ONE_CUBE_MAX {
         one_cube::launch(client, CubeCount::Static(1, 1, 1), CubeDim::new_1d(UNITS), data.arg(), len as u32);
         return;
     }

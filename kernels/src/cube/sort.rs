@@ -11,9 +11,9 @@ use burn_cubecl::cubecl::prelude::*;
 /// Units per cube.
 const UNITS: u32 = 128;
 /// Consecutive elements per unit.
-const EACH: u32 = 16;
+const ELEMENTS_PER_UNIT: u32 = 16;
 /// Elements per cube.
-const BLOCK: usize = (UNITS * EACH) as usize;
+const BLOCK: usize = (UNITS * ELEMENTS_PER_UNIT) as usize;
 /// Digit values per pass.
 const DIGITS: usize = 16;
 

@@ -104,7 +104,7 @@ fn cpu_backward<B: CpuBackend>(
     }
     let mut shapes = inputs.as_array().map(|t| t.shape()).into_iter();
     DecoderTensors::from(grads.map(|values| {
-        let shape = shapes.next().expect("as many shapes as gradients");
+        let shape = shapes.next().expect("one shape per gradient");
         B::tensor(values, shape, &device)
     }))
 }

@@ -204,7 +204,7 @@ fn an_output_row_does_not_depend_on_its_place_or_neighbours() {
 }
 
 #[test]
-fn rows_of_zeros_share_one_result_wherever_they_lie() {
+fn rows_of_zeros_share_one_result_at_any_position() {
     for keep in [1, 2, 7, 600] {
         let mut case = Case::new(shape(20, 48, &[3, 4]), 600, 10);
         let plain = case.forward();
@@ -222,7 +222,7 @@ fn rows_of_zeros_share_one_result_wherever_they_lie() {
 }
 
 #[test]
-fn a_poisoned_row_stays_alone_in_the_forward_pass() {
+fn a_poisoned_row_affects_no_other_row_in_the_forward_pass() {
     for poison in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 3.0e38] {
         let mut case = Case::new(shape(20, 48, &[3, 4, 3, 1]), 101, 11);
         let clean = case.forward();
@@ -294,14 +294,14 @@ fn inactive_rows_count_as_zero_gradient() {
 
 #[test]
 #[should_panic(expected = "w1: [W, H * W]")]
-fn a_short_parameter_buffer_is_named() {
+fn a_short_parameter_buffer_is_reported_by_name() {
     let mut case = Case::new(shape(2, 3, &[1, 1]), 2, 8);
     case.parts[2].pop();
     case.forward();
 }
 
 #[test]
-fn empty_extents_are_named() {
+fn empty_extents_are_reported_by_name() {
     assert_eq!(shape(0, 1, &[1]).validate(), Err(DecoderShapeError::NoInputs));
     assert_eq!(shape(1, 0, &[1]).validate(), Err(DecoderShapeError::NoWidth));
     assert_eq!(shape(1, 1, &[]).validate(), Err(DecoderShapeError::NoHeads));

@@ -215,7 +215,7 @@ fn poisoned_points_stay_finite_and_get_no_gradient() {
 }
 
 #[test]
-fn a_point_that_is_nowhere_counts_as_inactive() {
+fn a_point_with_a_nan_coordinate_counts_as_inactive() {
     let mut case = Case::new(shape(&[[9, 20, 33]], 3, 16), 400, 7);
     let active: Vec<bool> = (0..400).map(|i| i % 3 != 0).collect();
     let (plain, masked) = (case.forward(), case.backward(Some(&active)));
@@ -256,7 +256,7 @@ fn inactive_points_count_as_zero_gradient() {
 }
 
 #[test]
-fn empty_extents_are_named() {
+fn empty_extents_are_reported_by_name() {
     assert_eq!(shape(&[], 1, 1).validate(), Err(FieldShapeError::NoLevels));
     let empty = Err(FieldShapeError::EmptyAxis { level: 1, axis: 2 });
     assert_eq!(shape(&[[1, 1, 1], [1, 2, 0]], 1, 1).validate(), empty);

@@ -21,7 +21,7 @@ fn opacity(depth: f32) -> f32 {
 }
 
 #[cube(launch)]
-fn see(
+fn forward(
     depths: &[f32],
     colours: &[f32],
     offsets: &[u32],
@@ -133,7 +133,7 @@ impl MarchOps for CubeBackend {
         let [offsets, colour_rows] = upload(&depths, &rays);
         let out = empty_f32(&depths, [rays.rays(), 4]);
         let [back0, back1, back2] = background;
-        see::launch(
+        forward::launch(
             &depths.client,
             cubes(rays.rays(), RAYS),
             CubeDim::new_1d(RAYS),

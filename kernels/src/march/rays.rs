@@ -21,7 +21,7 @@ impl RaySamples {
     pub fn new(offsets: &[u32], coloured: &[bool]) -> Self {
         let ends = (offsets.first().copied(), offsets.last().copied());
         assert_eq!(ends, (Some(0), Some(coloured.len() as u32)), "offsets: from 0 to the number of samples");
-        assert!(offsets.is_sorted(), "offsets: rising");
+        assert!(offsets.is_sorted(), "offsets: sorted in ascending order");
         let mut rows = Vec::with_capacity(coloured.len() + 1);
         let mut count = 0;
         rows.push(0);

@@ -52,14 +52,14 @@ impl Box3 {
     }
 }
 
-/// Samples the rays inside `within` at steps of `step` (above 0), at most `most` per ray, and omits the samples for
-/// which `keep(ray, point)` is false. The result does not depend on the number of threads.
+/// Samples the rays inside `within` at steps of `step` (above 0), at most `max_samples` per ray, and omits the
+/// samples for which `keep(ray, point)` is false. The result does not depend on the number of threads.
 #[must_use]
 pub fn sample(
     rays: &[Ray],
     within: Box3,
     step: f32,
-    most: usize,
+    max_samples: usize,
     keep: impl Fn(usize, [f32; 3]) -> bool + Sync,
 ) -> Samples {
     let of_task = |(task, rays): (usize, &[Ray])| {
@@ -67,7 +67,7 @@ pub fn sample(
         for (k, ray) in rays.iter().enumerate() {
             let before = points.len();
             if let Some([enter, leave]) = within.chord(ray) {
-                for i in 0..most {
+                for i in 0..max_samples {
                     let t = enter + (i as f32 + ray.jitter) * step;
                     if t > leave {
                         break;

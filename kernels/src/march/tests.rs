@@ -92,7 +92,7 @@ fn gradients_match_finite_differences_of_the_reference() {
 }
 
 #[test]
-fn a_constant_medium_has_its_closed_form_however_it_is_cut() {
+fn a_constant_medium_matches_its_closed_form_for_any_number_of_samples() {
     // C = c (1 - exp(-sigma L)) + exp(-sigma L) background: the integral of the emission-absorption model, not a limit
     // of it
     let (sigma, length, colour) = (0.8f64, 2.5f64, [0.25f32, 0.5, 0.75]);
@@ -115,7 +115,7 @@ fn a_constant_medium_has_its_closed_form_however_it_is_cut() {
 }
 
 #[test]
-fn weights_are_those_of_the_picture() {
+fn weights_sum_to_the_alpha_of_the_picture() {
     let (rays, depths, _) = random(&[5, 0, 30], 1.0, 6);
     let all = weights(&[0, 5, 5, 35], &depths);
     let out = seen(&rays, &depths, &vec![0.0; 3 * rays.coloured()]);
@@ -148,7 +148,7 @@ fn bits_do_not_depend_on_the_number_of_threads_and_poison_stays_in_its_ray() {
 const UNIT: Box3 = Box3 { centre: [1.0, 2.0, 3.0], half: [1.0, 0.5, 2.0] };
 
 #[test]
-fn samples_lie_where_the_ray_is_in_the_box() {
+fn samples_lie_on_the_part_of_the_ray_inside_the_box() {
     let rays = [
         Ray { origin: [-4.0, 2.0, 3.0], direction: [1.0, 0.0, 0.0], jitter: 0.5 },
         Ray { origin: [-4.0, 2.6, 3.0], direction: [1.0, 0.0, 0.0], jitter: 0.0 },
@@ -167,7 +167,7 @@ fn samples_lie_where_the_ray_is_in_the_box() {
 }
 
 #[test]
-fn empty_places_that_are_passed_over_change_nothing() {
+fn skipping_empty_space_does_not_change_the_picture() {
     // a ball in the box: with all samples, and with only those inside it
     let density = |p: &[f32]| if p.iter().map(|v| v * v).sum::<f32>() < 0.5 { 3.0 } else { 0.0 };
     let towards = |i: usize| {

@@ -20,8 +20,8 @@ const LANES: usize = 16;
 /// If the lengths differ or are not a whole number of pixels.
 pub fn photometric(image: &[f32], target: &[f32], kind: Distance, alpha: f32, grad: &mut [f32]) -> (f64, f64) {
     assert!(image.len().is_multiple_of(4), "image: [pixels, 4]");
-    assert_eq!(target.len(), image.len(), "target: as image");
-    assert_eq!(grad.len(), image.len(), "grad: as image");
+    assert_eq!(target.len(), image.len(), "target: as many values as image");
+    assert_eq!(grad.len(), image.len(), "grad: as many values as image");
     if image.is_empty() {
         return (0.0, 0.0);
     }

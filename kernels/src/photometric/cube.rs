@@ -10,7 +10,7 @@ use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
 /// Values per unit.
-const EACH: u32 = 16;
+const VALUES_PER_UNIT: u32 = 16;
 
 /// Computes the gradient of every value, and the sums of the distances and of the squared colour differences of each
 /// cube.
@@ -28,8 +28,8 @@ fn compare(
 ) {
     let mut value = 0.0f32;
     let mut square = 0.0f32;
-    for k in 0..comptime!(EACH) {
-        let at = (CUBE_POS as u32 * comptime!(EACH) + k) * 256u32 + UNIT_POS;
+    for k in 0..comptime!(VALUES_PER_UNIT) {
+        let at = (CUBE_POS as u32 * comptime!(VALUES_PER_UNIT) + k) * 256u32 + UNIT_POS;
         if at < len {
             let is_alpha = at % 4u32 == 3u32;
             let weight = select(is_alpha, alpha_weight, colour_weight);
@@ -69,7 +69,7 @@ impl PhotometricOps for CubeBackend {
         let client = image.client.clone();
         let len = image.meta.shape().num_elements();
         let pixels = (len / 4) as f32;
-        let count = cubes(len, UNITS * EACH);
+        let count = cubes(len, UNITS * VALUES_PER_UNIT);
         let launched = crate::cube::launched(&count);
         let (values, squares) = (Words::empty(&client, launched), Words::empty(&client, launched));
         let out = PhotometricForward {

@@ -54,7 +54,7 @@ fn reference_gradient_matches_finite_differences() {
 }
 
 #[test]
-fn bits_do_not_depend_on_the_number_of_threads_and_poison_shows() {
+fn bits_do_not_depend_on_the_number_of_threads_and_poison_propagates() {
     let (mut a, b) = (noise(4, 4 * 50_001), noise(5, 4 * 50_001));
     let run = |a: &[f32], threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();

@@ -1,7 +1,7 @@
 //! The fast kernels over f32 arrays. Gaussians are independent except for the material's gradient, whose sums are added
 //! in order, so the bits do not depend on the number of threads.
 
-use super::{GRAZING, Light, MATERIAL, Material, SMALLEST};
+use super::{GRAZING, Light, MATERIAL, MIN_SQUARE, Material};
 use crate::sh::C0;
 use rayon::prelude::*;
 
@@ -66,13 +66,13 @@ struct Seen {
 #[derive(Clone, Copy)]
 struct Cosine {
     value: f32,
-    /// Squared lengths of the two vectors, at least [`SMALLEST`].
+    /// Squared lengths of the two vectors, at least [`MIN_SQUARE`].
     squares: [f32; 2],
 }
 
 impl Cosine {
     fn of(a: Vec3, b: Vec3) -> Self {
-        let squares = [dot(a, a).max(SMALLEST), dot(b, b).max(SMALLEST)];
+        let squares = [dot(a, a).max(MIN_SQUARE), dot(b, b).max(MIN_SQUARE)];
         Self { value: dot(a, b) / (squares[0].sqrt() * squares[1].sqrt()), squares }
     }
 
@@ -81,7 +81,7 @@ impl Cosine {
         let sign = if self.value > 0.0 { by } else { -by };
         let sign = if self.value == 0.0 { 0.0 } else { sign };
         let across = sign / (self.squares[0].sqrt() * self.squares[1].sqrt());
-        let along = self.squares.map(|square| if square > SMALLEST { sign * self.value / square } else { 0.0 });
+        let along = self.squares.map(|square| if square > MIN_SQUARE { sign * self.value / square } else { 0.0 });
         [
             std::array::from_fn(|i| across * b[i] - along[0] * a[i]),
             std::array::from_fn(|i| across * a[i] - along[1] * b[i]),
@@ -203,7 +203,7 @@ fn slopes(seen: &Seen, material: &Material, light: Light, base: &[f32], grad: &m
         Light::Head => std::array::from_fn(|c| by_light[c] + by_half[c]),
         Light::Far(_) => {
             // back through the normalisation of the direction to the eye
-            let square = dot(seen.to_eye, seen.to_eye).max(SMALLEST);
+            let square = dot(seen.to_eye, seen.to_eye).max(MIN_SQUARE);
             let along = dot(by_half, seen.to_eye) / square;
             std::array::from_fn(|c| (by_half[c] - along * seen.to_eye[c]) / square.sqrt())
         }
@@ -236,6 +236,6 @@ fn cross(a: Vec3, b: Vec3) -> Vec3 {
 }
 
 fn unit(v: Vec3) -> Vec3 {
-    let length = dot(v, v).max(SMALLEST).sqrt();
+    let length = dot(v, v).max(MIN_SQUARE).sqrt();
     v.map(|c| c / length)
 }

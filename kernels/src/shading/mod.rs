@@ -26,7 +26,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 /// Number of trained parameters of a material.
 pub const MATERIAL: usize = 3;
 /// Lower bound for squared lengths, so that a Gaussian without a direction is lit by ambient light alone.
-const SMALLEST: f32 = 1e-12;
+const MIN_SQUARE: f32 = 1e-12;
 /// Lower bound for the cosine, so that its logarithm is finite.
 const GRAZING: f32 = 1e-6;
 
@@ -153,13 +153,13 @@ fn dot(a: &Tensor<2>, b: &Tensor<2>) -> Tensor<2> {
 }
 
 fn unit(vectors: Tensor<2>) -> Tensor<2> {
-    let length = dot(&vectors, &vectors).clamp_min(SMALLEST).sqrt();
+    let length = dot(&vectors, &vectors).clamp_min(MIN_SQUARE).sqrt();
     vectors / length
 }
 
 /// Returns the absolute cosines of the angles between the rows of `a` and `b` `[N, 1]`.
 fn cosine(a: &Tensor<2>, b: &Tensor<2>) -> Tensor<2> {
-    let lengths = dot(a, a).clamp_min(SMALLEST).sqrt() * dot(b, b).clamp_min(SMALLEST).sqrt();
+    let lengths = dot(a, a).clamp_min(MIN_SQUARE).sqrt() * dot(b, b).clamp_min(MIN_SQUARE).sqrt();
     (dot(a, b) / lengths).abs()
 }
 
@@ -168,7 +168,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tensor_operations_say_what_the_kernel_says() {
+    fn tensor_operations_match_the_kernel() {
         let device = Device::flex();
         let rows = |seed: usize, width: usize| {
             let values: Vec<f32> = (0..50 * width).map(|i| ((i * 7 + seed) as f32 * 0.61).sin()).collect();

@@ -39,7 +39,7 @@ pub trait SineBackwardOps: Backend {
 /// # Panics
 /// If the widths differ.
 pub fn sine(x: Tensor<2>, bias: Tensor<1>, omega: f32) -> Tensor<2> {
-    assert_eq!(x.dims()[1], bias.dims()[0], "sine: as many biases as columns");
+    assert_eq!(x.dims()[1], bias.dims()[0], "sine: one bias per column");
     let inputs = SineTensors { x: x.into_dispatch(), bias: bias.into_dispatch() };
     Tensor::from_dispatch(Dispatch::sine_forward(inputs, omega))
 }

@@ -25,7 +25,7 @@ fn slopes(x: &[f32], bias: &[f32], omega: f32, grad: &[f32]) -> [Vec<f32>; 2] {
 }
 
 #[test]
-fn sines_and_cosines_are_those_of_double_precision() {
+fn sines_and_cosines_match_double_precision() {
     // up to the largest arguments reduced here, and beyond, where the standard library is used
     for (size, within) in [(0.01f32, 2e-7), (1.0, 2e-7), (30.0, 3e-7), (5000.0, 4e-7), (19_000.0, 1e-6), (1e6, 1e-7)] {
         let x: Vec<f32> = noise(1, 40_000).iter().map(|v| v * size).collect();

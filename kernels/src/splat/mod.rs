@@ -243,9 +243,17 @@ fn check_common(
         (degree + 1).pow(2)
     );
     let dilation = settings.dilation;
-    assert!((0.0..=MAX_DILATION).contains(&dilation), "splat: a dilation of {dilation} pixels squared");
+    assert!(
+        (0.0..=MAX_DILATION).contains(&dilation),
+        "splat: dilation is {dilation}, expected 0 to {MAX_DILATION} pixels squared"
+    );
     let camera = settings.camera;
-    assert!(camera.width > 0 && camera.height > 0, "splat: the image is {}x{}", camera.width, camera.height);
+    assert!(
+        camera.width > 0 && camera.height > 0,
+        "splat: the image is {}x{}, expected at least 1x1",
+        camera.width,
+        camera.height
+    );
     if let Some(offsets) = screen_offsets {
         assert_eq!(offsets.dims(), [n, 2], "splat: screen_offsets are [N, 2] with N = {n}");
     }

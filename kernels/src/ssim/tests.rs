@@ -67,7 +67,7 @@ fn reference_gradient_matches_finite_differences() {
 }
 
 #[test]
-fn equal_images_score_one_with_no_slope() {
+fn equal_images_score_one_with_zero_gradient() {
     let a = noise(3, 40 * 30 * 3);
     let mut grad = vec![0.0; a.len()];
     let value = ssim_grad(&a, &a, 40, 30, 3600.0, &mut grad);
@@ -90,7 +90,7 @@ fn bits_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn a_poisoned_pixel_shows_in_the_value_and_spoils_its_surroundings_only() {
+fn a_poisoned_pixel_affects_the_value_and_only_nearby_gradients() {
     let (h, w) = (40, 40);
     let (mut a, b) = (noise(6, h * w * 3), noise(7, h * w * 3));
     a[(20 * w + 20) * 3] = f32::NAN;

@@ -123,7 +123,7 @@ fn a_field_of_ones_costs_nothing_and_a_ramp_only_its_slope() {
 }
 
 #[test]
-fn gradient_is_added_to_what_is_there() {
+fn gradients_are_added_to_existing_ones() {
     let shape = shape(&[[3, 3, 3]], 3, 8);
     let p = params(&shape, 4);
     let (_, fresh) = fast(&shape, &p, TvKind::First, WEIGHTS);
@@ -149,7 +149,7 @@ fn bits_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn poison_spoils_the_loss_and_its_neighbours_only() {
+fn poison_affects_the_loss_and_only_neighbouring_gradients() {
     let shape = shape(&[[20, 20, 20]], 3, 8);
     let mut p = params(&shape, 6);
     p[0][(10 * 20 + 10) * 8] = f32::NAN;

@@ -25,7 +25,7 @@ impl Tested {
     /// first device.
     pub fn results(&self, f: impl Fn(&Device) -> Vec<Vec<f32>>) -> Vec<Vec<f32>> {
         let ours = f(&self.device.clone().autodiff());
-        assert!(self.gpu || ours == f(&cpu().autodiff()), "{} has other bits than the first device", self.name);
+        assert!(self.gpu || ours == f(&cpu().autodiff()), "{} differs from the first device in its bits", self.name);
         ours
     }
 }

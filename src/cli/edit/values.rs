@@ -4,7 +4,9 @@ use crate::volume::transfer::color::parse_hex;
 
 /// Parses a colour, `#rrggbb`.
 pub(super) fn colour(text: &str) -> Result<[f32; 3], String> {
-    parse_hex(text).ok_or_else(|| "a colour is written as '#ff8800': red, green, blue, two digits each".to_owned())
+    parse_hex(text).ok_or_else(|| {
+        "expected a colour such as '#ff8800': red, green and blue, two hexadecimal digits each".to_owned()
+    })
 }
 
 /// Parses three finite numbers separated by commas.

@@ -91,7 +91,7 @@ fn voxels(text: &str) -> Result<[usize; 3], String> {
     let numbers = text.split(',').map(number).collect::<Option<Vec<_>>>();
     numbers
         .and_then(|n| n.try_into().ok())
-        .ok_or_else(|| "three numbers such as 128,128,64, at least 2 voxels along each axis".to_owned())
+        .ok_or_else(|| "expected three numbers such as 128,128,64, at least 2 voxels along each axis".to_owned())
 }
 
 #[derive(Serialize)]
@@ -131,7 +131,7 @@ struct Written {
 pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Result<(), CliError> {
     let options = &args.labels;
     if options.space.is_some() && !matches!(format, LabelFormat::Nrrd(_)) {
-        return Err(CliError::input("--space: is said in NRRD files alone; leave it out, or write .nrrd"));
+        return Err(CliError::input("--space: only NRRD files store it; omit it, or write .nrrd"));
     }
     let labels = Labels::new(run, &options.plan(args.shown.segments.clone()))?;
     let times = args.times()?;
@@ -142,7 +142,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Resu
     labels.notes.iter().for_each(|note| errln!("note: {note}"));
     truth.iter().flat_map(|truth| truth.notes()).for_each(|note| errln!("note: {note}"));
     if !options.edited {
-        tell_of_edits(run);
+        note_unapplied_edits(run);
     }
 
     let mut needed = vec![run.path.as_path(), labels.data.as_path()];
@@ -187,12 +187,12 @@ fn output(args: &ExportArgs, run: &OpenRun, format: LabelFormat, needed: &[&Path
 }
 
 /// Prints that edits are not applied, if there are any. An unreadable file of edits is ignored here.
-fn tell_of_edits(run: &OpenRun) {
+fn note_unapplied_edits(run: &OpenRun) {
     let edits = run.edits().map_or(0, |edits| edits.operations.len());
     if edits > 0 {
         errln!(
-            "note: the labels are of the scene as trained, where the data lies; --edited applies the edits of the run \
-             ({edits})"
+            "note: the labels describe the scene as trained, which matches the data; --edited applies the edits of the \
+             run ({edits})"
         );
     }
 }
@@ -229,7 +229,7 @@ fn print(found: &Report) -> Result<(), CliError> {
 
 /// The scores as lines for the terminal.
 fn table(agreement: &Agreement) -> String {
-    let mut text = format!("{:<20} {:<20} {:>7} {:>7}   {}\n", "truth", "segment", "Dice", "IoU", "several together");
+    let mut text = format!("{:<20} {:<20} {:>7} {:>7}   {}\n", "truth", "segment", "Dice", "IoU", "combined");
     for s in &agreement.segments {
         let segment = s.segment.as_deref().unwrap_or("-");
         let set = if s.set.len() > 1 { format!("{:.4} {}", s.set_dice, s.set.join(" + ")) } else { String::new() };
@@ -244,7 +244,7 @@ fn table(agreement: &Agreement) -> String {
         (Some(one), Some(set)) => {
             let _ = writeln!(text, "mean Dice {one:.4}; {set:.4} with several segments for one true label");
         }
-        _ => text.push_str("the truth has no label\n"),
+        _ => text.push_str("the ground truth has no labels\n"),
     }
     text
 }

@@ -21,7 +21,7 @@ const FILE_BYTES: usize = 512;
 /// Write a run's Gaussians or the labels of its segments as standard files.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs export checkpoints/first --time 0.5 --out scene.ply\n  volseggs export checkpoints/first --time 0.5 --out scene.spz\n  volseggs export checkpoints/first --frames 30 --out plys/\n  volseggs export checkpoints/first --segment red --no-edits --out red.ply\n  volseggs export checkpoints/first --time 0.5 --out labels.seg.nrrd\n  volseggs export checkpoints/first --time 0.5 --segment red.1 --segment red.2 --like volume.vti --out labels.vti\n  volseggs export checkpoints/first --format nrrd --time 0.5 --truth labels_050.nrrd\n\nThe format follows from the ending of --out: .ply, .spz, .nrrd, .seg.nrrd (which 3D Slicer opens as a segmentation) or .vti.\nThe PLY follows 3DGS and opens in its viewers (SuperSplat, antimatter15, gsplat); the SPZ is about a fifth of it, with a byte for most numbers. Both hold the edits of the run; Gaussians that they hide are left out.\nLabels fall on the voxels of the volume that the dataset was prepared from: label 1 is the first segment named, 0 is none. They are of the scene as trained, so that they lie where the data does; with --edited they are of the scene as the edits of the run show it. The file says which.\nWithout --segment they are the segments that have no parts, and a Gaussian counts for a group only where no part holds it; with --segment it counts for the last named that holds it.\nA file or folder that volseggs wrote before is replaced, anything else is refused."
+    after_help = "Examples:\n  volseggs export checkpoints/first --time 0.5 --out scene.ply\n  volseggs export checkpoints/first --time 0.5 --out scene.spz\n  volseggs export checkpoints/first --frames 30 --out plys/\n  volseggs export checkpoints/first --segment red --no-edits --out red.ply\n  volseggs export checkpoints/first --time 0.5 --out labels.seg.nrrd\n  volseggs export checkpoints/first --time 0.5 --segment red.1 --segment red.2 --like volume.vti --out labels.vti\n  volseggs export checkpoints/first --format nrrd --time 0.5 --truth labels_050.nrrd\n\nThe format follows from the ending of --out: .ply, .spz, .nrrd, .seg.nrrd (which 3D Slicer opens as a segmentation) or .vti.\nThe PLY follows 3DGS and opens in its viewers (SuperSplat, antimatter15, gsplat); the SPZ is about a fifth of its size, with one byte for most numbers. Both include the edits of the run; hidden Gaussians are omitted.\nLabels are on the voxels of the volume that the dataset was prepared from: label 1 is the first segment named, 0 is none. They describe the scene as trained, so that they match the data, or with --edited the scene with the edits of the run. The file records which.\nWithout --segment, all segments without parts are labelled, and a Gaussian counts for a group only if no part contains it; with --segment, it counts for the last one named that contains it.\nA file or folder written by volseggs is replaced; anything else is refused."
 )]
 pub struct ExportArgs {
     /// Folder of the run.
@@ -104,7 +104,8 @@ impl ExportArgs {
             (&format, self.format, self.labels.given())
         {
             return Err(CliError::input(format!(
-                "{flag}: is for labels on voxels; pass --format nrrd or --format vti, or end --out so"
+                "{flag}: only for labels on voxels; pass --format nrrd or --format vti, or end the name of --out in .nrrd or \
+                 .vti"
             )));
         }
         format.map_err(CliError::input)
@@ -123,20 +124,20 @@ fn format_for(asked: Option<Format>, out: Option<&Path>, many: bool) -> Result<F
     let shown = out.unwrap_or(Path::new("")).display();
     match (asked, out, out.and_then(Format::of)) {
         (_, Some(_), Some(ending)) if many => Err(format!(
-            "--out {shown}: is a folder with --frames; leave out the ending, and pass --format {}",
+            "--out {shown}: must be a folder with --frames; omit the extension, and pass --format {}",
             ending.extension()
         )),
         (Some(asked), _, Some(ending)) if asked != ending => Err(format!(
-            "--format {}: does not agree with --out {shown}; leave out --format, or end the name in .{0}",
+            "--format {}: does not agree with --out {shown}; omit --format, or end the name in .{0}",
             asked.extension()
         )),
         (Some(asked), _, _) => Ok(asked),
         (None, _, Some(ending)) => Ok(ending),
         (None, Some(_), None) if many => Ok(Format::Ply),
         (None, Some(_), None) => Err(format!(
-            "--out {shown}: its ending names no format; use .ply, .spz, .nrrd, .seg.nrrd or .vti, or pass --format"
+            "--out {shown}: the extension names no format; use .ply, .spz, .nrrd, .seg.nrrd or .vti, or pass --format"
         )),
-        (None, None, _) => Err("--out: say where to write to, such as --out scene.ply; or pass --format nrrd or \
+        (None, None, _) => Err("--out: give the file to write, such as --out scene.ply; or pass --format nrrd or \
                                 --format vti for labels in RUN/labels"
             .into()),
     }

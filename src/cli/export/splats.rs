@@ -12,7 +12,7 @@ use volseggs_kernels::splat::DILATION;
 /// If there is no output path, nothing to write, or a file cannot be written.
 pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Result<(), CliError> {
     let Some(out) = &args.out else {
-        return Err(CliError::input("--out: say where to write to, such as --out scene.ply"));
+        return Err(CliError::input("--out: give the file to write, such as --out scene.ply"));
     };
     let shown = args.shown.select(run)?;
     let times = args.times()?;
@@ -32,8 +32,8 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Resu
     let dilation = run.scene.spec.rendering().dilation;
     if dilation != DILATION {
         errln!(
-            "note: trained with a dilation of {dilation} pixels squared, which the file cannot say; viewers that dilate by \
-             {DILATION}, as most do, do not show it as `volseggs render` does"
+            "note: trained with a dilation of {dilation} pixels squared, which the file cannot store; viewers that dilate \
+             by {DILATION}, as most do, show it differently from `volseggs render`"
         );
     }
     if args.common.json {

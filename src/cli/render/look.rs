@@ -86,7 +86,7 @@ impl LookArgs {
     /// If options do not go together.
     pub(super) fn show(&self) -> Result<Shows, CliError> {
         if self.velocity_axis.is_some() && self.show != Some(Show::Velocity) {
-            return Err(CliError::input("--velocity-axis: goes with --show velocity alone"));
+            return Err(CliError::input("--velocity-axis: only for --show velocity"));
         }
         Ok(match self.show.unwrap_or(Show::Colour) {
             Show::Colour => Shows::Colour,

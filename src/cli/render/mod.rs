@@ -20,7 +20,7 @@ use views::Saved;
 /// Render a run along a path of cameras and times, as PNG files and an animation.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n  volseggs render checkpoints/first --view 12 --out still\n  volseggs render checkpoints/first --view volseggs.png --out still\n  volseggs render checkpoints/first --path path.json --out flight.mp4\n  volseggs render checkpoints/first --path orbit --segment red --show depth --out depth\n  volseggs render checkpoints/shaded --light 1,0,1 --out relit\n  volseggs render checkpoints/first --show velocity --velocity-axis speed --out velocity\n\nWrites OUT/0000.png, ..., OUT/animation.png (an animated PNG that browsers play) and OUT/frames.json (what they show). The folder appears when all of it is there.\nVelocities are differences of trained positions over a hundredth of the series to either side; those of edits do not count. The scale's end is exceeded by 1 % of the visible Gaussians. Depth runs from the nearest to the farthest pixel. Both are of the first frame that shows anything, and are told on standard error."
+    after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n  volseggs render checkpoints/first --view 12 --out still\n  volseggs render checkpoints/first --view volseggs.png --out still\n  volseggs render checkpoints/first --path path.json --out flight.mp4\n  volseggs render checkpoints/first --path orbit --segment red --show depth --out depth\n  volseggs render checkpoints/shaded --light 1,0,1 --out relit\n  volseggs render checkpoints/first --show velocity --velocity-axis speed --out velocity\n\nWrites OUT/0000.png, ..., OUT/animation.png (an animated PNG that browsers play) and OUT/frames.json (what they show). The folder appears once it is complete.\nVelocities are differences of trained positions over a hundredth of the series to either side; movements by edits do not count. The velocity scale ends where 1 % of the visible Gaussians exceed it; depth runs from the nearest to the farthest pixel. Both scales are those of the first frame that shows anything, and are printed on standard error."
 )]
 pub struct RenderArgs {
     /// Folder of the run.
@@ -82,10 +82,12 @@ impl RenderArgs {
             return Ok((look, self.look.name(), self.shown.segments.clone()));
         };
         if let Some(flag) = self.look.given().or(self.shown.given()) {
-            return Err(CliError::input(format!("{flag}: does not go with {name}, which says what is shown")));
+            return Err(CliError::input(format!(
+                "{flag}: cannot be combined with {name}, which defines what is shown"
+            )));
         }
         if saved.is_of_another(run) {
-            errln!("note: {name} was saved of another scene, {}", saved.run);
+            errln!("note: {name} was saved from another scene, {}", saved.run);
         }
         let view = &saved.view;
         let look = view.look(run).map_err(|e| match e.is_input() {
@@ -102,7 +104,7 @@ impl RenderArgs {
             Some(Saved { name, view: saved, .. }) => {
                 let view = &saved.view;
                 let is_plain = view.look == COLOUR && view.alone.is_empty() && view.hidden.is_empty();
-                (!is_plain).then(|| format!("{name} shows more than colours, which"))
+                (!is_plain).then(|| format!("{name} (which shows more than colours)"))
             }
         };
         match what {
@@ -160,7 +162,7 @@ impl RenderArgs {
             let record = Record { show: self.plain(&run, saved.as_ref())?, ..record };
             let draw = &mut |camera: &Camera, time: f64| Ok(run.model().render(camera.to_kernel(), time as f32));
             let fps = self.draw(&run.path, draw, &views, &record)?;
-            return self.tell(&record, fps, None);
+            return self.print(&record, fps, None);
         }
         let run = run.gaussians()?;
         let (mut look, show, segments) = self.look(&run, saved.as_ref())?;
@@ -168,10 +170,10 @@ impl RenderArgs {
         let record = Record { show, light, segments, edits: look.selection().edits(), ..record };
         let draw = &mut |camera: &Camera, time: f64| look.frame(&run.scene, (camera.to_kernel(), time as f32), &device);
         let fps = self.draw(&run.path, draw, &views, &record)?;
-        self.tell(&record, fps, look.legend())
+        self.print(&record, fps, look.legend())
     }
 
-    fn tell(&self, record: &Record, render_fps: f64, legend: Option<Legend>) -> Result<(), CliError> {
+    fn print(&self, record: &Record, render_fps: f64, legend: Option<Legend>) -> Result<(), CliError> {
         let ([width, height], out) = (record.size, self.out.display().to_string());
         let report = Report { frames: record.frames, width, height, render_fps, out, legend };
         errln!(

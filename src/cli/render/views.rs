@@ -60,7 +60,9 @@ impl RenderArgs {
         if let Some(choice) = self.view.choice()? {
             for (given, flag) in [(self.frames.is_some(), "--frames"), (self.radius.is_some(), "--radius")] {
                 if given {
-                    return Err(CliError::input(format!("{flag}: does not go with {choice}, which is one view")));
+                    return Err(CliError::input(format!(
+                        "{flag}: cannot be combined with {choice}, which is a single view"
+                    )));
                 }
             }
             let (camera, time) = run.view(&choice, lens)?;
@@ -75,9 +77,7 @@ impl RenderArgs {
             None => views,
         };
         if self.frames.is_some() && self.path.to_str() != Some("orbit") {
-            return Err(CliError::input(
-                "--frames: is the length of an orbit, or of a path of keyframes; add --path orbit",
-            ));
+            return Err(CliError::input("--frames: only for an orbit or a path of keyframes; add --path orbit"));
         }
         match self.path.to_str() {
             Some("test") => Ok(hold(test_spiral(181, 100, around.sphere, lens))),
@@ -96,7 +96,9 @@ impl RenderArgs {
     /// The views along a path of keyframes: as many frames as its duration gives, unless a number is given.
     fn along(&self, name: &str, shown: &View, path: &CameraPath) -> Result<Vec<(Camera, f64)>, CliError> {
         if self.radius.is_some() {
-            return Err(CliError::input(format!("--radius: does not go with {name}, which says where cameras are")));
+            return Err(CliError::input(format!(
+                "--radius: cannot be combined with {name}, which defines the cameras"
+            )));
         }
         let [width, height] = shown.size;
         check_lens(name, Lens { fov_x: shown.fov, width, height })?;
@@ -121,7 +123,7 @@ pub(super) struct Saved {
 fn from_file(path: &Path, lens: Lens) -> Result<Vec<(Camera, f64)>, CliError> {
     if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("json")) {
         return Err(CliError::input(format!(
-            "--path {}: is no path of cameras; say test, orbit, or the name of a transforms_*.json file",
+            "--path {}: not a camera path; give test, orbit, or the name of a transforms_*.json file",
             path.display()
         )));
     }

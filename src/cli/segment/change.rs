@@ -42,7 +42,7 @@ impl GroupArgs {
 /// Rename a segment; its edits follow the new name, and its parts keep theirs.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  volseggs segment rename RUN red core\n\n`volseggs segment undo RUN` brings the old name back. A track in RUN/track/ that is called after the segment must be moved first."
+    after_help = "Example:\n  volseggs segment rename RUN red core\n\n`volseggs segment undo RUN` restores the old name. A track in RUN/track/ that is named after the segment must be moved first."
 )]
 pub struct RenameArgs {
     /// Folder of the run.
@@ -66,7 +66,7 @@ impl RenameArgs {
         if self.common.json {
             return print_json(&serde_json::json!({ "old": self.old, "name": self.new, "segments": names }));
         }
-        errln!("{} is called {} now; segments: {}", self.old, self.new, names.join(", "));
+        errln!("{} is now called {}; segments: {}", self.old, self.new, names.join(", "));
         Ok(())
     }
 }
@@ -74,7 +74,7 @@ impl RenameArgs {
 /// Remove segments with their parts; the Gaussians are kept.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  volseggs segment remove RUN pair red.2\n\n`volseggs segment undo RUN` brings them back."
+    after_help = "Example:\n  volseggs segment remove RUN pair red.2\n\n`volseggs segment undo RUN` restores them."
 )]
 pub struct RemoveArgs {
     /// Folder of the run.

@@ -16,7 +16,7 @@ use std::path::PathBuf;
 /// Find segments by colour.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs segment coarse RUN\n  volseggs segment coarse RUN --clusters 3 --space lab --time 0.2 --replace\n\nWrites RUN/segments/segments.safetensors and coarse.png: each segment alone. `volseggs segment undo RUN` brings back what --replace removed."
+    after_help = "Examples:\n  volseggs segment coarse RUN\n  volseggs segment coarse RUN --clusters 3 --space lab --time 0.2 --replace\n\nWrites RUN/segments/segments.safetensors and coarse.png: each segment alone. `volseggs segment undo RUN` restores what --replace removed."
 )]
 pub struct CoarseArgs {
     /// Folder of the run.
@@ -94,7 +94,7 @@ impl CoarseArgs {
         let mut segments = if self.replace {
             let (segments, unusable) = RunSegments::replacing(&run);
             if let Some(error) = unusable {
-                errln!("the segments of before cannot be brought back by undo: {error}");
+                errln!("note: undo cannot restore the previous segments: {error}");
             }
             segments
         } else {
@@ -103,7 +103,7 @@ impl CoarseArgs {
         let there = segments.now().segments.len();
         if there > 0 && !self.replace {
             return Err(CliError::input(format!(
-                "{}: {there} segments are there already; pass --replace to begin again",
+                "{}: {there} segments exist already; pass --replace to start over",
                 run.paths().segments().display()
             )));
         }
@@ -124,7 +124,7 @@ impl CoarseArgs {
         let at = run.scene.host_at(self.time as f32);
         let found = segments.coarse(&run, &at, self.time, &options)?;
         if found.palette.is_empty() {
-            return Err(CliError::input(format!("no segments: of {n} Gaussians {}", self.left_out(&found))));
+            return Err(CliError::input(format!("no segments found: of {n} Gaussians, {}", self.left_out(&found))));
         }
         segments.save()?;
         let all = segments.now();
@@ -154,7 +154,7 @@ impl CoarseArgs {
             format!("{} are outliers (few neighbours, and touching few; --keep-outliers keeps them)", found.outliers),
         ];
         if found.not_finite > 0 {
-            parts.push(format!("{} have a position or colour that is not finite", found.not_finite));
+            parts.push(format!("{} have a non-finite position or colour", found.not_finite));
         }
         parts.join(", ")
     }

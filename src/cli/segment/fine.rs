@@ -15,7 +15,7 @@ use std::sync::atomic::Ordering;
 /// Train the affinity field on the masks.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs segment fine RUN\n  volseggs segment fine RUN --margin -1 --pixels 8192 --mask-scale own   # as the paper\n\nReads RUN/segments/masks.jsonl, writes RUN/segments/affinity.safetensors."
+    after_help = "Examples:\n  volseggs segment fine RUN\n  volseggs segment fine RUN --margin -1 --pixels 8192 --mask-scale own   # as in the paper\n\nReads RUN/segments/masks.jsonl, writes RUN/segments/affinity.safetensors."
 )]
 pub struct FineArgs {
     /// Folder of the run.
@@ -82,7 +82,7 @@ impl FineArgs {
         })?;
         bar.finish_and_clear();
         let Some(Trained { loss, seconds }) = trained else {
-            return Err(CliError::failure("interrupted; the affinity field of before, if any, is as it was"));
+            return Err(CliError::failure("interrupted; any existing affinity field is unchanged"));
         };
         let path = run.paths().affinity();
         if self.common.json {

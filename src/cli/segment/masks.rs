@@ -8,7 +8,7 @@ use crate::files::Work;
 use crate::log::progress;
 use crate::run::OpenRun;
 use crate::run::cameras::check_lens;
-use crate::run::masks::{Made, MaskPlan, MaskRequest, hand_out, make};
+use crate::run::masks::{Made, MaskPlan, MaskRequest, make, write_pictures};
 use crate::segment::masks::origin::{MaskKind, SAM_POINTS};
 use crate::segment::masks::sam::checkpoint;
 use crate::segment::masks::source::sam::SamSource;
@@ -21,7 +21,7 @@ use std::sync::atomic::Ordering;
 /// Make 2D masks of each segment rendered alone, from views all around it.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs segment masks RUN\n  volseggs segment masks RUN --segment red --views 60 --size 400\n  volseggs segment masks RUN --source labels           # the truth, if the dataset has it\n  volseggs segment masks RUN --source sam --points 12  # MobileSAM\n\nMasks of another program, in three steps:\n  1. volseggs segment masks RUN --pictures\n     writes RUN/segments/pictures/SEGMENT/view-000.png and so on\n  2. run the program on them and let it write one of\n     MASKS/SEGMENT/view-000_1.png, view-000_2.png, ...: grey, not 0 in the mask\n     MASKS/SEGMENT/view-000.png: grey, each value but 0 a mask\n     a COCO file with run lengths, its images called SEGMENT/view-000.png\n  3. volseggs segment masks RUN --source dir --masks MASKS (or the COCO file)\n\nWrites RUN/segments/masks.jsonl (COCO run lengths) and masks.png to look at."
+    after_help = "Examples:\n  volseggs segment masks RUN\n  volseggs segment masks RUN --segment red --views 60 --size 400\n  volseggs segment masks RUN --source labels           # the ground truth, if the dataset has it\n  volseggs segment masks RUN --source sam --points 12  # MobileSAM\n\nMasks of another program, in three steps:\n  1. volseggs segment masks RUN --pictures\n     writes RUN/segments/pictures/SEGMENT/view-000.png and so on\n  2. run the program on them and let it write one of\n     MASKS/SEGMENT/view-000_1.png, view-000_2.png, ...: grey, non-zero in the mask\n     MASKS/SEGMENT/view-000.png: grey, one mask per non-zero value\n     a COCO file with run lengths, whose images are called SEGMENT/view-000.png\n  3. volseggs segment masks RUN --source dir --masks MASKS (or the COCO file)\n\nWrites RUN/segments/masks.jsonl (COCO run lengths) and masks.png to look at."
 )]
 pub struct MasksArgs {
     /// Folder of the run.
@@ -85,7 +85,7 @@ impl MasksArgs {
         let path = run.paths().masks();
         if path.exists() && !self.pictures && !self.replace {
             return Err(CliError::input(format!(
-                "{}: masks are there already; pass --replace to make them anew",
+                "{}: masks exist already; pass --replace to make them again",
                 path.display()
             )));
         }
@@ -105,17 +105,17 @@ impl MasksArgs {
             errln!("{note}");
         }
         if self.pictures {
-            return self.hand_out(&run, &plan, &device);
+            return self.write_pictures(&run, &plan, &device);
         }
         if let MaskKind::Sam { points, .. } = kind {
             let pictures = plan.pictures();
             errln!(
-                "{pictures} pictures with {points}x{points} points each: about {} on two cores; fewer --points or --views \
-                 are quicker",
+                "{pictures} pictures with {points}x{points} points each: about {} on two cores; fewer --points or \
+                 --views are faster",
                 rough_duration(SamSource::seconds(pictures, points))
             );
         }
-        let stop = stop_flag("stopping; the masks of before, if any, stay as they are")?;
+        let stop = stop_flag("stopping; any existing masks are kept")?;
         let bar = progress::bar(plan.pictures(), "pictures");
         let made = make(&run, &plan, &device, || {
             bar.inc(1);
@@ -123,7 +123,7 @@ impl MasksArgs {
         })?;
         bar.finish_and_clear();
         let Some(Made { masks: count, source }) = made else {
-            return Err(CliError::failure("stopped; the masks of before, if any, are as they were"));
+            return Err(CliError::failure("stopped; any existing masks are unchanged"));
         };
         if self.common.json {
             return print_json(
@@ -132,7 +132,7 @@ impl MasksArgs {
         }
         let (segments, views) = (plan.groups.len(), plan.shots.len());
         outln!("{count} masks of {segments} segments in {views} views at time {}", plan.time);
-        errln!("masks: {}; to look at: {}", path.display(), run.paths().segment_sheet("masks").display());
+        errln!("masks: {}; picture of them: {}", path.display(), run.paths().segment_sheet("masks").display());
         Ok(())
     }
 
@@ -169,7 +169,7 @@ impl MasksArgs {
         }
         let refuse = |given: bool, option: &str, why: &str| {
             if given {
-                Err(CliError::input(format!("{option} does not go with --source {name}: {why}")))
+                Err(CliError::input(format!("{option} cannot be combined with --source {name}: {why}")))
             } else {
                 Ok(())
             }
@@ -185,19 +185,17 @@ impl MasksArgs {
             Kind::Regions | Kind::Sam => {}
         }
         if self.pictures && source != Kind::Regions {
-            return Err(CliError::input(
-                "--pictures makes no masks; leave --source out, and give it when masks are there",
-            ));
+            return Err(CliError::input("--pictures makes no masks; omit --source, and give it once the masks exist"));
         }
         Ok(())
     }
 
     /// Writes the pictures for another program.
-    fn hand_out(&self, run: &OpenRun, plan: &MaskPlan, device: &Device) -> Result<(), CliError> {
+    fn write_pictures(&self, run: &OpenRun, plan: &MaskPlan, device: &Device) -> Result<(), CliError> {
         let stop = stop_flag("stopping; nothing is written")?;
         let (count, folder) = (plan.pictures(), run.paths().mask_pictures());
         let bar = progress::bar(count, "pictures");
-        let done = hand_out(run, plan, device, || {
+        let done = write_pictures(run, plan, device, || {
             bar.inc(1);
             !stop.load(Ordering::Relaxed)
         })?;

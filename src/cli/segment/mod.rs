@@ -15,7 +15,7 @@ use clap::{Args, Subcommand};
 /// Find segments: by colour, and within a colour by masks of rendered views.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs segment coarse RUN --time 0.5              # segments by colour\n  volseggs segment masks RUN                          # 2D masks of each from 30 views\n  volseggs segment fine RUN                           # train the affinity field on them\n  volseggs segment split RUN red --scale 0.2          # parts of a segment, from small to large\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name part   # what is like a click\n  volseggs segment group RUN pair red.1 red.2         # several as one\n  volseggs segment undo RUN                           # take the last change back\n  volseggs segment list RUN\n\nAll of it lies in RUN/segments/."
+    after_help = "Examples:\n  volseggs segment coarse RUN --time 0.5              # segments by colour\n  volseggs segment masks RUN                          # 2D masks of each from 30 views\n  volseggs segment fine RUN                           # train the affinity field on them\n  volseggs segment split RUN red --scale 0.2          # parts of a segment, from small to large\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name part   # a segment from a click\n  volseggs segment group RUN pair red.1 red.2         # several segments as one\n  volseggs segment undo RUN                           # undo the last change\n  volseggs segment list RUN\n\nEverything is stored in RUN/segments/."
 )]
 pub struct SegmentArgs {
     #[command(subcommand)]

@@ -20,7 +20,7 @@ use std::time::Instant;
 /// Show what is under a click; with --name, make a segment of what it selects.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs segment pick RUN --camera 3,-2,1.5 --pixel 210,180              # which segments are there\n  volseggs segment pick RUN --view 12 --pixel 210,180 --levels         # from parts to wholes\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex            # the likeliest of them\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex --level 1\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex --within red --scale 0.3 --threshold 0.9\n\nThe picture is the one that `volseggs render` draws from the same camera; pixels count from its top left."
+    after_help = "Examples:\n  volseggs segment pick RUN --camera 3,-2,1.5 --pixel 210,180              # which segments are there\n  volseggs segment pick RUN --view 12 --pixel 210,180 --levels         # from parts to wholes\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex            # the most likely level\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex --level 1\n  volseggs segment pick RUN --view 12 --pixel 210,180 --name vortex --within red --scale 0.3 --threshold 0.9\n\nThe picture is the one that `volseggs render` draws from the same camera; pixels are counted from its top left corner."
 )]
 pub struct PickArgs {
     /// Folder of the run.
@@ -130,19 +130,21 @@ impl PickArgs {
         ];
         if let Some((flag, _)) = meaning.into_iter().find(|(_, given)| *given && !self.levels) {
             return Err(CliError::input(format!(
-                "{flag}: says what a segment is made of; name it with --name NAME, or see the levels with --levels"
+                "{flag}: selects what a new segment contains; add --name NAME, or list the levels with --levels"
             )));
         }
         // levels are listed with their strays
         if self.keep_strays {
-            return Err(CliError::input("--keep-strays: says what a segment is made of; name it with --name NAME"));
+            return Err(CliError::input(
+                "--keep-strays: affects what a new segment contains; name it with --name NAME",
+            ));
         }
         Ok(())
     }
 
     pub(super) fn run(self) -> Result<(), CliError> {
         let [x, y] = self.pixel[..] else {
-            return Err(CliError::input("--pixel: two numbers, such as --pixel 210,180"));
+            return Err(CliError::input("--pixel: give two numbers, such as --pixel 210,180"));
         };
         self.check()?;
         let (_, device) = self.common.device()?;
@@ -171,7 +173,9 @@ impl PickArgs {
             let found = clicking.select(&hit, &PickOptions { meaning, keep_strays, list }).map_err(click)?;
             if let Some(n) = self.level.filter(|n| *n > found.levels.len()) {
                 let count = found.levels.len();
-                return Err(CliError::input(format!("--level {n}: there are {count} at this click; see --levels")));
+                return Err(CliError::input(format!(
+                    "--level {n}: there are {count} levels at this click; list them with --levels"
+                )));
             }
             picked = Some(found);
         }
@@ -219,7 +223,7 @@ impl PickArgs {
         let around = surroundings(run, self.view.size);
         check_lens(&format!("--size {}", around.lens.width), around.lens)?;
         let Some(choice) = self.view.choice()? else {
-            return Err(CliError::input("--camera: three numbers, such as --camera 3,-2,1.5; or --view N|FILE"));
+            return Err(CliError::input("--camera: give three numbers, such as --camera 3,-2,1.5; or --view N|FILE"));
         };
         Ok(run.view(&choice, around.lens)?)
     }
@@ -229,7 +233,7 @@ impl PickArgs {
 fn show(report: &Report) {
     outln!("level  Gaussians   share  stability  scale  cosine");
     for (n, l) in (1..).zip(&report.levels) {
-        let mark = if report.level == Some(n) { "  <- taken" } else { "" };
+        let mark = if report.level == Some(n) { "  <- used" } else { "" };
         let [share, stability] = [l.share, l.stability].map(|v| format!("{:.0} %", 100.0 * v));
         let by = if l.piece { "in one piece".into() } else { format!("{:>5.2}  {:>6.2}", l.scale, l.threshold) };
         outln!("{n:>5}  {:>9}  {share:>6}  {stability:>9}  {by:<13}{mark}", l.gaussians);

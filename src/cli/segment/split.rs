@@ -14,7 +14,7 @@ use std::path::PathBuf;
 /// Split a segment into parts by its affinity features.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs segment split RUN red --scale 0.3\n  volseggs segment split RUN red --clusters 5\n\nThe parts are called SEGMENT.1, SEGMENT.2, ... from the largest, without names that are taken; a picture is in RUN/segments/. Parts of an earlier split of the segment give way; `volseggs segment undo RUN` brings them back. What was picked in the segment itself stays."
+    after_help = "Examples:\n  volseggs segment split RUN red --scale 0.3\n  volseggs segment split RUN red --clusters 5\n\nThe parts are called SEGMENT.1, SEGMENT.2, ... from the largest, skipping names in use; a picture is in RUN/segments/. Parts of an earlier split of the segment are replaced; `volseggs segment undo RUN` restores them. Segments picked in the segment itself are kept."
 )]
 pub struct SplitArgs {
     /// Folder of the run.

@@ -22,7 +22,7 @@ struct Step {
 /// Undo the last changes of the segments.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs segment undo RUN\n  volseggs segment undo RUN --count 2\n\nThe last 50 changes are remembered. Masks, the affinity field and pictures stay as they are."
+    after_help = "Examples:\n  volseggs segment undo RUN\n  volseggs segment undo RUN --count 2\n\nThe last 50 changes are remembered. Masks, the affinity field and pictures are not affected."
 )]
 pub struct UndoArgs {
     #[command(flatten)]

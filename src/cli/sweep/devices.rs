@@ -35,7 +35,7 @@ impl DevicesArgs {
             let starts = |d: &DeviceName| match d.open() {
                 Ok(_) => true,
                 Err(error) => {
-                    errln!("left out: {error}");
+                    errln!("skipped: {error}");
                     false
                 }
             };
@@ -57,7 +57,7 @@ impl DevicesArgs {
 
 fn markdown(found: &DeviceComparison) -> String {
     let mut out = format!("After {} steps:\n\n", found.steps);
-    out += "| device | step, ms | PSNR, dB | parameters beside the first |\n|---|--:|--:|---|\n";
+    out += "| device | step, ms | PSNR, dB | parameters compared with the first |\n|---|--:|--:|---|\n";
     for d in &found.devices {
         let drift = d.drift.last().map_or("the reference".to_owned(), ToString::to_string);
         out += &format!("| {} | {:.1} | {:.3} | {drift} |\n", d.device, d.step_milliseconds, d.psnr);

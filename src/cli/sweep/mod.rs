@@ -19,7 +19,7 @@ const OUT: &str = "checkpoints/sweeps";
 #[command(
     args_conflicts_with_subcommands = true,
     subcommand_negates_reqs = true,
-    after_help = "Examples:\n  volseggs sweep configs/ablations/loss-small.toml --dry-run   # runs, differences, time and memory\n  volseggs sweep configs/ablations/loss-small.toml --jobs 2    # the same command goes on\n  volseggs sweep configs/ablations/loss-small.toml --data DATASET    # on your own images\n  volseggs sweep my.toml --only 'L1' --rerun-failed\n  volseggs sweep my.toml --slurm --profile cluster.toml        # one job array; then:\n  volseggs sweep status my.toml\n  volseggs sweep collect my.toml                               # the report, from whatever is done\n  volseggs sweep devices --data DATASET --config quick         # the same training on every device\n\nRuns lie in OUT/runs/KEY, keyed by configuration, dataset, device, version\nand build of the program, and are shared by all sweeps of OUT. A program that was built again trains anew; --any-build\ntakes over what other builds finished.\nThe report is in OUT/NAME: report.html, report.md, table.tex, results.csv, results.json, tensorboard/."
+    after_help = "Examples:\n  volseggs sweep configs/ablations/loss-small.toml --dry-run   # runs, differences, time and memory\n  volseggs sweep configs/ablations/loss-small.toml --jobs 2    # the same command resumes\n  volseggs sweep configs/ablations/loss-small.toml --data DATASET    # on your own images\n  volseggs sweep my.toml --only 'L1' --rerun-failed\n  volseggs sweep my.toml --slurm --profile cluster.toml        # one job array; then:\n  volseggs sweep status my.toml\n  volseggs sweep collect my.toml                               # the report, from the runs done so far\n  volseggs sweep devices --data DATASET --config quick         # the same training on every device\n\nRuns are stored in OUT/runs/KEY, keyed by configuration, dataset, device, version\nand build of the program, and are shared by all sweeps in OUT. A rebuilt program trains again; --any-build takes over\nwhat other builds finished.\nThe report is in OUT/NAME: report.html, report.md, table.tex, results.csv, results.json, tensorboard/."
 )]
 pub struct SweepArgs {
     #[command(subcommand)]
@@ -68,8 +68,9 @@ impl Planned {
     fn open(&self) -> Result<(PathBuf, Plan), CliError> {
         let dir =
             if self.sweep.join("plan.json").is_file() { self.sweep.clone() } else { folder(&self.out, &self.sweep) };
-        let plan = Plan::load(&dir, None)
-            .map_err(|e| CliError::input(format!("{e}; start it by `volseggs sweep {}`", shell::path(&self.sweep))))?;
+        let plan = Plan::load(&dir, None).map_err(|e| {
+            CliError::input(format!("{e}; start it with `volseggs sweep {}`", shell::path(&self.sweep)))
+        })?;
         Ok((dir, plan))
     }
 }

@@ -4,7 +4,7 @@ use super::{CliError, Planned};
 use crate::cli::print_json;
 use crate::compare::write::write_report;
 use crate::durations::duration;
-use crate::program::{self, called};
+use crate::program::{self, build_label};
 use crate::sweep::Plan;
 use crate::sweep::builds::{OtherBuilds, view};
 use crate::sweep::claim::holder;
@@ -91,7 +91,7 @@ impl StatusArgs {
                 (Progress::Open, None, Some(q)) => ("queued", format!("{} {} {}", q.id, q.state, q.place)),
                 (Progress::Open, None, None) => match holder(&folder) {
                     Some(holder) => ("running", holder.to_string()),
-                    None if step > 0 => ("begun", "goes on at the next call".to_owned()),
+                    None if step > 0 => ("begun", "resumes at the next call".to_owned()),
                     None => ("to do", String::new()),
                 },
             };
@@ -104,7 +104,7 @@ impl StatusArgs {
             if let (Some(other), true) = (other_builds.first(), state != "done") {
                 let psnr = other.psnr.map(|p| format!(" ({p:.2} dB)")).unwrap_or_default();
                 let comma = if detail.is_empty() { "" } else { "; " };
-                detail += &format!("{comma}finished by {}{psnr}", called(&other.build));
+                detail += &format!("{comma}finished by {}{psnr}", build_label(&other.build));
             }
             RunStatus {
                 task,
@@ -132,7 +132,7 @@ impl StatusArgs {
         all.iter().for_each(|r| *counts.entry(r.state).or_default() += 1);
         let counts: Vec<String> = counts.iter().map(|(state, n)| format!("{n} {state}")).collect();
         errln!("{} runs: {}", all.len(), counts.join(", "));
-        tell(&planned_by(&plan));
+        print_notes(&planned_by(&plan));
         Ok(())
     }
 }
@@ -140,7 +140,7 @@ impl StatusArgs {
 impl CollectArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (dir, plan) = self.planned.open()?;
-        tell(&planned_by(&plan));
+        print_notes(&planned_by(&plan));
         report(&plan, &dir, self.any_build, self.json)
     }
 }
@@ -149,12 +149,16 @@ impl CollectArgs {
 fn planned_by(plan: &Plan) -> Vec<String> {
     let own = program::build().ok().filter(|own| own.digest != plan.build);
     let text = |own: &program::Build| {
-        format!("the sweep was last planned by {} of the program; this is {}", called(&plan.build), called(&own.digest))
+        format!(
+            "the sweep was last planned by {} of the program; this is {}",
+            build_label(&plan.build),
+            build_label(&own.digest)
+        )
     };
     own.map(text).into_iter().collect()
 }
 
-fn tell(notes: &[String]) {
+fn print_notes(notes: &[String]) {
     notes.iter().for_each(|note| errln!("note: {note}"));
 }
 
@@ -162,9 +166,9 @@ fn tell(notes: &[String]) {
 /// `any_build` is set.
 pub(super) fn report(plan: &Plan, dir: &Path, any_build: bool, json: bool) -> Result<(), CliError> {
     let view = view(plan, any_build);
-    tell(&view.notes);
+    print_notes(&view.notes);
     let set = collect(&view.plan, dir);
-    tell(&set.speed_note().into_iter().collect::<Vec<_>>());
+    print_notes(&set.speed_note().into_iter().collect::<Vec<_>>());
     let text = write_report(dir, &set).map_err(CliError::failure)?;
     errln!("report: {}", dir.join("report.html").display());
     if json {

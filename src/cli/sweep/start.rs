@@ -67,14 +67,14 @@ pub(super) struct StartArgs {
 }
 
 /// Notes that the report in `dir` will be of other data than before. The runs of both are kept.
-fn tell_of_other_data(plan: &Plan, dir: &Path) {
+fn note_other_data(plan: &Plan, dir: &Path) {
     let folders = |plan: &Plan| plan.datasets.values().map(|data| data.folder.clone()).collect::<Vec<_>>();
     if let Ok(before) = Plan::load(dir, None)
         && folders(&before) != folders(plan)
     {
         errln!(
-            "note: the report in {} was of other data ({}) and will be of these; all runs stay; another --out keeps both \
-             reports",
+            "note: the report in {} covers other data ({}) and will be replaced; all runs are kept; use another \
+             --out to keep both reports",
             dir.display(),
             before.datasets.keys().cloned().collect::<Vec<_>>().join(", ")
         );
@@ -87,7 +87,7 @@ impl StartArgs {
         let out = std::path::absolute(&self.out)
             .map_err(|e| CliError::input(format!("--out {}: {e}", self.out.display())))?;
         if out.exists() && !out.is_dir() {
-            return Err(CliError::input(format!("--out {}: is a file; name a folder", out.display())));
+            return Err(CliError::input(format!("--out {}: is a file; give a folder", out.display())));
         }
         let options = PlanOptions {
             out: out.clone(),
@@ -110,14 +110,14 @@ impl StartArgs {
         }
         if plan.halving.is_some() && self.slurm {
             return Err(CliError::input(format!(
-                "{}: halving waits for all runs at each rung, which one job array cannot; leave out --slurm or [halving]",
+                "{}: halving waits for all runs at each rung, which a job array cannot do; omit --slurm or [halving]",
                 file.display()
             )));
         }
         // read before anything is written
         let profile = self.profile.as_deref().map(Profile::read).transpose()?.unwrap_or_default();
         let stop = stop_flag("stopping; runs save checkpoints first")?;
-        tell_of_other_data(&plan, &dir);
+        note_other_data(&plan, &dir);
         let hash = plan.save(&dir)?;
         if self.rerun_failed {
             for &run in &runs {
@@ -136,7 +136,7 @@ impl StartArgs {
         results::report(&plan, &dir, false, self.json)?;
         if tally.failed + tally.died > 0 {
             return Err(CliError::failure(format!(
-                "{} runs failed, {} died; logs are in {}; the same command goes on, --rerun-failed tries those that failed again",
+                "{} runs failed, {} died; logs are in {}; the same command resumes, --rerun-failed retries failed runs",
                 tally.failed,
                 tally.died,
                 dir.join("logs").display()
@@ -148,18 +148,18 @@ impl StartArgs {
     /// Reports the chosen runs that other builds finished; takes over all of them if requested.
     fn other_builds(&self, plan: &mut Plan, runs: &[usize]) {
         let all: Vec<usize> = (0..plan.runs.len()).collect();
-        let found = OtherBuilds::find(plan).instead(plan, if self.any_build { &all } else { runs });
+        let found = OtherBuilds::find(plan).replacements(plan, if self.any_build { &all } else { runs });
         let (n, of) = (found.len(), tally(found.values()));
         let (one, is) = if n == 1 { ("run", "is") } else { ("runs", "are") };
         match (n, self.any_build) {
             (0, _) => {}
             (_, true) => {
-                plan.put(&found);
-                errln!("{n} finished {one} of other builds of the program ({of}) {is} taken over");
+                plan.replace_runs(&found);
+                errln!("{n} {one} finished by other builds of the program ({of}) {is} taken over");
             }
             (_, false) => errln!(
-                "note: {n} {one} {is} finished by another build of the program ({of}) and trained anew by this one ({}); \
-                 --any-build takes over what is finished",
+                "note: {n} {one} finished by another build of the program ({of}) {is} trained again by this one ({}); \
+                 --any-build takes over finished runs",
                 short(&plan.build)
             ),
         }
@@ -179,8 +179,7 @@ impl StartArgs {
         let runs: Vec<usize> = (0..plan.runs.len()).filter(wanted).collect();
         if runs.is_empty() {
             let labels: Vec<&str> = plan.runs.iter().take(8).map(|r| r.label.as_str()).collect();
-            let text =
-                format!("--only {}: no run is called so; there is {}, ...", self.only.join(" "), labels.join(", "));
+            let text = format!("--only {}: no run matches; available: {}, ...", self.only.join(" "), labels.join(", "));
             return Err(CliError::input(text));
         }
         Ok(runs)
@@ -222,7 +221,8 @@ impl StartArgs {
             outln!("{} {:width$} {state:6} {}", run.key, run.label, differences.join(" | "));
         }
         outln!(
-            "left: {} runs, about {} with --jobs {}, {:.1} GB of memory (times measured so far: {:.2} of the model's)",
+            "remaining: {} runs, about {} with --jobs {}, {:.1} GB of memory (measured times so far: {:.2} of the \
+             model's)",
             total.open,
             duration(total.seconds),
             self.jobs,

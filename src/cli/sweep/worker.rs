@@ -2,7 +2,7 @@
 
 use super::CliError;
 use crate::cli::patient_stop_flag;
-use crate::program::{build, called};
+use crate::program::{build, build_label};
 use crate::sweep::Plan;
 use crate::sweep::local::{HELD, INTERRUPTED};
 use crate::sweep::work::{Ended, work};
@@ -36,14 +36,14 @@ impl WorkerArgs {
         let (own, planned) = (build().map_err(CliError::failure)?, plan.build.clone());
         if plan.hand_over(&own.digest) {
             errln!(
-                "note: planned by {} of the program, run by {}; the run is one of the latter",
-                called(&planned),
-                called(&own.digest)
+                "note: planned by {} of the program, run by {}; the run counts as one of the latter",
+                build_label(&planned),
+                build_label(&own.digest)
             );
         }
         let Some(run) = plan.runs.get(self.task) else {
             return Err(CliError::input(format!(
-                "--task {}: the plan has {} runs, from 0",
+                "--task {}: the plan has {} runs, numbered from 0",
                 self.task,
                 plan.runs.len()
             )));
@@ -56,13 +56,13 @@ impl WorkerArgs {
         let ended = work(&plan, self.task, self.stop_after, &stop);
         match ended.map_err(|e| CliError::failure(format!("{}: {e}", plan.run_folder(self.task).display())))? {
             Ended::Done => errln!("done"),
-            Ended::WasDone => errln!("done before"),
+            Ended::AlreadyDone => errln!("already done"),
             Ended::Paused => errln!("paused"),
             Ended::Held(holder) => {
-                errln!("{holder} has this run");
+                errln!("{holder} holds this run");
                 // a sweep on this machine tries again later; a Slurm task is not needed
                 if self.parent.is_some() {
-                    return Err(CliError::with_code("another process has this run", HELD));
+                    return Err(CliError::with_code("another process holds this run", HELD));
                 }
             }
             Ended::Busy(holder) => {

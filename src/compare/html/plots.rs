@@ -16,9 +16,9 @@ use crate::report::Block;
 use std::path::Path;
 
 /// Maximum number of curves in a plot: the number that its legend names.
-const MOST_CURVES: usize = 12;
+const MAX_CURVES: usize = 12;
 /// Maximum number of settings in a parallel-coordinates plot.
-const MOST_SETTINGS: usize = 8;
+const MAX_SETTINGS: usize = 8;
 /// Cost in the scatter plots: metric and axis label.
 const COST: (&str, &str) = ("training_minutes", "training, min");
 /// Ratio of the largest to the smallest value from which a numeric setting has a logarithmic axis.
@@ -36,9 +36,9 @@ fn learning_at(set: &ResultSet, place: &Place) -> Vec<Block> {
         .filter(|(_, curves)| *curves != Curves::default())
         .collect();
     let all = curves.len();
-    if all > MOST_CURVES {
+    if all > MAX_CURVES {
         let names: Vec<&str> = curves.iter().map(|(variant, _)| *variant).collect();
-        let kept = best(set, place, &names, MOST_CURVES);
+        let kept = best(set, place, &names, MAX_CURVES);
         curves.retain(|(variant, _)| kept.contains(variant));
     }
     let note =
@@ -80,8 +80,8 @@ fn runs_of<'a>(set: &'a ResultSet, place: &Place, variant: &str) -> Vec<&'a Path
     if done.is_empty() { of(false) } else { done }
 }
 
-/// The baseline and the best variants by the first metric, at most `most` in all.
-fn best<'a>(set: &ResultSet, place: &Place, names: &[&'a str], most: usize) -> Vec<&'a str> {
+/// The baseline and the best variants by the first metric, at most `max` in all.
+fn best<'a>(set: &ResultSet, place: &Place, names: &[&'a str], max: usize) -> Vec<&'a str> {
     let mut ranked = names.to_vec();
     if let Some(Column { id, better, .. }) = first_metric(set) {
         let rank = |name: &str| {
@@ -94,7 +94,7 @@ fn best<'a>(set: &ResultSet, place: &Place, names: &[&'a str], most: usize) -> V
         };
         ranked.sort_by(|a, b| rank(a).total_cmp(&rank(b)));
     }
-    ranked.truncate(most);
+    ranked.truncate(max);
     ranked
 }
 
@@ -119,7 +119,7 @@ pub(super) fn cost(set: &ResultSet) -> Vec<Block> {
         // a single point has nothing to be compared with
         (points.len() > 1).then(|| Block::Svg {
             svg: scatter_plot(&titled(&format!("{} against cost", quantity(&head)), place), COST.1, &head, &points),
-            caption: format!("{head}, against minutes of training, of each variant."),
+            caption: format!("{head} against minutes of training, for each variant."),
         })
     };
     places(set).iter().filter_map(at).collect()
@@ -163,10 +163,10 @@ fn settings_at(set: &ResultSet, place: &Place) -> Option<Block> {
         return None;
     }
     let mut left_out = Vec::new();
-    if columns.len() > MOST_SETTINGS {
+    if columns.len() > MAX_SETTINGS {
         let mut ranked: Vec<(usize, &String)> = columns.iter().map(|c| (c.2, c.0)).collect();
         ranked.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(b.1)));
-        left_out = ranked.split_off(MOST_SETTINGS).into_iter().map(|(_, key)| key.clone()).collect();
+        left_out = ranked.split_off(MAX_SETTINGS).into_iter().map(|(_, key)| key.clone()).collect();
         columns.retain(|c| !left_out.contains(c.0));
     }
     let names: Vec<&str> = columns.iter().map(|c| c.0.as_str()).collect();
@@ -184,7 +184,7 @@ fn settings_at(set: &ResultSet, place: &Place) -> Option<Block> {
     lines.iter_mut().zip(&outcomes).for_each(|(line, (_, value))| line.values.push(Some(*value)));
     let mut caption = format!("Settings of each run ({}) and {head}.", names.join(", "));
     if !left_out.is_empty() {
-        caption += &format!(" Without {}.", left_out.join(", "));
+        caption += &format!(" Not shown: {}.", left_out.join(", "));
     }
     Some(Block::Svg { svg: parallel_plot(&titled("Settings and outcome", place), &axes, &lines), caption })
 }
@@ -197,9 +197,9 @@ fn axis(values: &[Option<Setting>]) -> (Ticks, Vec<Option<f64>>) {
     };
     let numbers: Option<Vec<f64>> = values.iter().flatten().map(number).collect();
     if let Some(numbers) = numbers {
-        let least = numbers.iter().copied().fold(f64::INFINITY, f64::min);
-        let most = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let ticks = if least > 0.0 && most / least >= LOG_FROM { Ticks::Log } else { Ticks::Linear };
+        let low = numbers.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let ticks = if low > 0.0 && high / low >= LOG_FROM { Ticks::Log } else { Ticks::Linear };
         return (ticks, values.iter().map(|v| v.as_ref().and_then(number)).collect());
     }
     let text = |value: &Setting| match value {

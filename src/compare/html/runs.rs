@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Maximum number of places whose best variant is a headline figure.
-const MOST_PLACES: usize = 4;
+const MAX_PLACES: usize = 4;
 
 /// The headline figures: number of measured outcomes, best variant of each place, total training time.
 pub(super) fn headline(set: &ResultSet) -> Vec<Number> {
@@ -29,13 +29,13 @@ pub(super) fn headline(set: &ResultSet) -> Vec<Number> {
         name: "outcomes measured".to_owned(),
         note: others.collect::<Vec<_>>().join(", "),
     }];
-    numbers.extend(places(set).iter().take(MOST_PLACES).filter_map(|place| best(set, place)));
+    numbers.extend(places(set).iter().take(MAX_PLACES).filter_map(|place| best(set, place)));
     let minutes = distinct(set.outcomes.iter().map(|o| (&o.run, value(o, "training_minutes"))));
     let minutes: f64 = minutes.into_iter().filter_map(|(_, minutes)| minutes).sum();
     if minutes > 0.0 {
         let (value, unit) =
             if minutes < 120.0 { (format!("{minutes:.1}"), "min") } else { (format!("{:.1}", minutes / 60.0), "h") };
-        let name = "training in all".to_owned();
+        let name = "total training".to_owned();
         numbers.push(Number { value, unit: unit.to_owned(), name, note: String::new() });
     }
     numbers
@@ -76,7 +76,7 @@ type TextColumn<'a> = (&'a str, bool, fn(&Outcome) -> &String);
 /// The list of all outcomes.
 pub(super) fn list(set: &ResultSet) -> Vec<Block> {
     if set.outcomes.is_empty() {
-        return vec![Block::Missing { what: "any run".to_owned(), how: String::new() }];
+        return vec![Block::Missing { what: "runs".to_owned(), how: String::new() }];
     }
     let folder = common_folder(set.outcomes.iter().map(|o| o.run.as_path()));
     let name = if set.head.is_empty() { "variant" } else { &set.head };
@@ -107,7 +107,7 @@ pub(super) fn list(set: &ResultSet) -> Vec<Block> {
     };
     let caption = match folder.display().to_string() {
         none if none.is_empty() => String::new(),
-        folder => format!("Folders of runs lie in {folder}."),
+        folder => format!("Run folders are in {folder}."),
     };
     vec![Block::Table { head, rows: set.outcomes.iter().map(row).collect(), caption, highlight: None }]
 }
@@ -116,7 +116,7 @@ fn state(state: &OutcomeState) -> String {
     match state {
         OutcomeState::Missing => "not finished".to_owned(),
         OutcomeState::Done => "done".to_owned(),
-        OutcomeState::Stopped(steps) => format!("stopped at {steps}"),
+        OutcomeState::Stopped(steps) => format!("stopped at step {steps}"),
         OutcomeState::Failed(_) => "failed".to_owned(),
     }
 }

@@ -55,7 +55,7 @@ fn ids(report: &Report) -> Vec<&str> {
 }
 
 #[test]
-fn every_part_is_there_and_says_what_was_measured() {
+fn every_section_shows_what_was_measured() {
     let dir = tempfile::tempdir().unwrap();
     let table = PlainTable { caption: text("T"), head: vec![text("loss")], rows: vec![vec![text("l1")]] };
     let order = PlainTable { rows: vec![vec![text("PSNR"), text("l1 > l2 agrees")]], ..PlainTable::default() };
@@ -82,11 +82,11 @@ fn every_part_is_there_and_says_what_was_measured() {
 fn nothing_measured_still_gives_a_page() {
     let report = report(&ResultSet { name: text("n"), ..ResultSet::default() }, &[], None);
     assert_eq!((report.title.as_str(), ids(&report)), ("n", vec!["summary", "table", "runs"]));
-    assert!(report.to_html().contains("Not there yet:"));
+    assert!(report.to_html().contains("Not available yet:"));
 }
 
 #[test]
-fn settings_need_two_that_vary_in_four_ways() {
+fn a_settings_plot_needs_two_keys_and_four_combinations() {
     let dir = tempfile::tempdir().unwrap();
     let rates = ["0.001", "0.01", "0.1"];
     let mut set = ResultSet { metrics: vec![text("psnr")], ..ResultSet::default() };
@@ -117,7 +117,7 @@ fn settings_need_two_that_vary_in_four_ways() {
 }
 
 #[test]
-fn places_are_told_apart() {
+fn places_are_distinguished() {
     let dir = tempfile::tempdir().unwrap();
     let mut set = set(dir.path());
     let mut other = set.outcomes.clone();
@@ -131,7 +131,7 @@ fn places_are_told_apart() {
 }
 
 #[test]
-fn poison_and_odd_texts_do_no_harm() {
+fn non_finite_values_and_odd_texts_are_harmless() {
     let dir = tempfile::tempdir().unwrap();
     let mut set = set(dir.path());
     for (outcome, odd) in set.outcomes.iter_mut().zip(["]]", "nan", "", "[1, 2]", "\n\"x"]) {

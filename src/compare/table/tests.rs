@@ -82,7 +82,7 @@ fn rows_come_in_order_and_sum_up_their_seeds() {
 }
 
 #[test]
-fn segments_stand_together() {
+fn rows_are_grouped_by_segment() {
     let values = [("L1", "a", 1.0), ("L1", "b", 2.0), ("L2", "a", 3.0), ("L2", "b", 1.0)];
     let outcomes = values.map(|(variant, segment, iou)| part(segment, variant, 0, &[("iou", iou)]));
     let table = Table::new(&set(&["iou"], outcomes.to_vec()));
@@ -95,7 +95,7 @@ fn segments_stand_together() {
 }
 
 #[test]
-fn the_best_is_judged_by_what_shows() {
+fn the_best_is_judged_by_displayed_digits() {
     let of = |id: &str, values: &[f64]| {
         let names = ["a", "b", "c"];
         let outcomes = names.iter().zip(values).map(|(name, v)| outcome(name, 0, &[(id, *v)])).collect();
@@ -126,7 +126,7 @@ fn runs_that_did_not_end_well_are_counted_not_measured() {
 }
 
 #[test]
-fn empty_and_hopeless_sets_are_tables_too() {
+fn empty_and_failed_sets_make_tables() {
     let nothing = ResultSet::default();
     assert_eq!(Table::new(&nothing), Table::default());
     assert!(orderings(&nothing, &Table::new(&nothing)).is_empty());
@@ -157,7 +157,7 @@ fn the_papers_order_is_judged_by_intervals() {
         ("L1", "lpips", 0.2),
     ]);
     let found = orderings(&losses, &Table::new(&losses));
-    assert_eq!(found.len(), 1, "lpips tells nothing apart");
+    assert_eq!(found.len(), 1, "equal LPIPS values have no order");
     assert_eq!(
         found[0].text,
         "PSNR: L2 > L2+SSIM > L1 in the paper; here L2+SSIM 27.10 > L2 27.00 > L1 25.20: \
@@ -182,7 +182,7 @@ fn lpips_is_whichever_was_measured() {
 }
 
 #[test]
-fn one_seed_is_judged_by_what_shows() {
+fn one_seed_is_judged_by_displayed_digits() {
     let verdict = |ours: f64| {
         let mut one = set(&["psnr"], vec![outcome("a", 0, &[("psnr", ours)]), outcome("b", 0, &[("psnr", 27.0)])]);
         one.paper = paper(&[("a", "psnr", 30.0), ("b", "psnr", 29.0)]);
@@ -196,7 +196,7 @@ fn one_seed_is_judged_by_what_shows() {
 }
 
 #[test]
-fn means_over_segments_stand_beside_the_papers() {
+fn means_over_segments_are_compared_with_the_papers() {
     // the paper's means: a 0.6, b 0.5; ours over x and y: a 4 (seed 1 lacks y), b 2
     let mut outcomes = vec![
         part("x", "a", 0, &[("iou", 3.0)]),

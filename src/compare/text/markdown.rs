@@ -24,9 +24,9 @@ pub fn markdown(table: &Table, orderings: &[Ordering]) -> String {
         parts.push(grid(&found));
         parts.push(
             if table.has_intervals() {
-                "Intervals compare seed by seed where the seeds are the same, and are Welch's elsewhere."
+                "Intervals are paired by seed where both sides have the same seeds, and Welch's otherwise."
             } else {
-                "No intervals: they need two seeds or more of both."
+                "No intervals: both sides need at least two seeds."
             }
             .to_owned(),
         );

@@ -18,7 +18,7 @@ fn judged() -> (ResultSet, String) {
 }
 
 #[test]
-fn markdown_is_all_of_it() {
+fn markdown_has_all_sections() {
     let (_, text) = judged();
     // by hand: half-widths are 4.303 * 0.1 / sqrt(3) seed by seed, and 3.26 * sqrt(0.005 / 2 + 0.01 / 3) by Welch
     let expected = "\
@@ -39,7 +39,7 @@ Three seeds.
 | L2+SSIM |  +0.10 [-0.15, 0.35] | 0.0000 [0.0000, 0.0000] |
 | L1      | -1.75 [-2.00, -1.50] | 0.0000 [0.0000, 0.0000] |
 
-Intervals compare seed by seed where the seeds are the same, and are Welch's elsewhere.
+Intervals are paired by seed where both sides have the same seeds, and Welch's otherwise.
 
 ## Order in the paper
 
@@ -66,14 +66,14 @@ fn markdown_of_single_seeds_has_no_deviations() {
 }
 
 #[test]
-fn a_run_fails_once_however_many_segments_it_had() {
+fn a_failed_run_is_listed_once_for_all_its_segments() {
     let fail = |segment: &str| Outcome { state: OutcomeState::Failed("no".to_owned()), ..part(segment, "a", 0, &[]) };
     let text = markdown(&Table::new(&set(&["iou"], vec![fail("x"), fail("y")])), &[]);
     assert_eq!(text.matches("runs/a-0").count(), 1, "{text}");
 }
 
 #[test]
-fn nothing_is_written_as_nothing() {
+fn an_empty_set_is_written_as_empty_tables() {
     let nothing = ResultSet::default();
     let table = Table::new(&nothing);
     assert_eq!(markdown(&table, &[]), "No runs.\n");
@@ -139,7 +139,7 @@ fn latex_has_the_papers_shape() {
 }
 
 #[test]
-fn latex_names_a_segment_once_and_tells_networks_apart() {
+fn latex_names_a_segment_once_and_distinguishes_networks() {
     let metrics = [("lpips_alex", 0.1), ("lpips_vgg", 0.2)];
     let outcomes = vec![part("x", "a", 0, &metrics), part("x", "[b]", 0, &metrics), part("y", "a", 0, &metrics)];
     let text = latex(&Table::new(&set(&["lpips_alex", "lpips_vgg"], outcomes)));

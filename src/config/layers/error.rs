@@ -38,7 +38,7 @@ pub enum ConfigError {
         message: String,
     },
     /// `extends` leads back to a file that is already being read.
-    #[error("`extends` runs in a circle: {0}; remove one of these keys")]
+    #[error("circular `extends`: {0}; remove one of these keys")]
     Cycle(String),
     /// `extends` is not a string.
     #[error("{0}: `extends` must be a string that names a file or a preset")]

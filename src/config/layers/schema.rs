@@ -165,11 +165,11 @@ fn expand<'a>(root: &'a Json, node: &'a Json, depth: usize, out: &mut Vec<&'a Js
 }
 
 /// Longest key, in bytes, for which the closest known key is sought; longer keys are not typing mistakes.
-const LONGEST_KEY: usize = 100;
+const MAX_KEY_LENGTH: usize = 100;
 
 /// The key of `known` closest to `key`, if it is close enough to be a likely intention.
 pub(super) fn closest(key: &str, known: &[String]) -> Option<String> {
-    if key.len() > LONGEST_KEY {
+    if key.len() > MAX_KEY_LENGTH {
         return None;
     }
     let last = |path: &str| path.rsplit('.').next().unwrap_or_default().to_owned();

@@ -170,8 +170,8 @@ fn sources_that_are_missing_circular_or_broken_are_named() {
     };
     let missing = resolve("a.toml", "extends = \"nowhere\"");
     assert!(missing.contains("nowhere") && missing.contains("presets: loop"));
-    assert!(resolve("b.toml", "extends = \"b.toml\"").contains("circle"));
-    assert!(resolve("c.toml", "extends = \"loop\"").contains("circle"));
+    assert!(resolve("b.toml", "extends = \"b.toml\"").contains("circular"));
+    assert!(resolve("c.toml", "extends = \"loop\"").contains("circular"));
     assert!(resolve("d.toml", "extends = 3").contains("must be a string"));
     assert!(resolve("e.toml", "\n[train\n").contains("e.toml is not valid TOML"));
 }
@@ -197,7 +197,7 @@ fn hostile_files_are_refused_in_time() {
 }
 
 #[test]
-fn an_empty_section_keeps_what_it_would_hold() {
+fn an_empty_section_keeps_earlier_values() {
     let layers = Layers::new(&[]).sets(["train.seed=5", "train={}"]);
     let resolved = layers.resolve::<Config>().unwrap();
     assert_eq!(resolved.value.train.seed, 5);

@@ -57,7 +57,7 @@ fn opacity_multiplies_and_stops_at_0_99() {
 }
 
 #[test]
-fn hidden_is_zero_opacity_and_show_brings_back_what_would_be() {
+fn hidden_is_zero_opacity_and_show_restores_the_edited_opacity() {
     assert_eq!(sigmoid(HIDDEN_LOGIT), 0.0);
     for hide in [Operation::Hide, Operation::Opacity { factor: 0.0, show: false }] {
         let hide = edit(&["a"], hide);
@@ -153,7 +153,7 @@ fn a_segment_without_gaussians_or_opacity_is_fine() {
 }
 
 #[test]
-fn poisoned_gaussians_poison_no_other() {
+fn non_finite_gaussians_affect_no_others() {
     let edits = [
         edit(&["ab"], rotate([0.0, 1.0, 0.0], 20.0, None)),
         edit(&["ab"], Operation::Scale { factor: 2.0, about: None }),

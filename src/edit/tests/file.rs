@@ -21,7 +21,7 @@ fn an_error_names_file_and_field() {
     for (text, field, problem) in [
         (r#"[]"#.to_owned(), "the file", "not an object"),
         (r#"{"operations":[],"undone":[]}"#.to_owned(), "version", "missing"),
-        (r#"{"version":0,"operations":[],"undone":[]}"#.to_owned(), "version", "no version"),
+        (r#"{"version":0,"operations":[],"undone":[]}"#.to_owned(), "version", "not a version"),
         (r#"{"version":1,"operations":[]}"#.to_owned(), "undone", "missing"),
         (r#"{"version":1,"operations":{},"undone":[]}"#.to_owned(), "operations", "not a list"),
         (r#"{"version":1,"operations":[],"undone":[],"x":1}"#.to_owned(), "x", "unknown"),
@@ -56,7 +56,7 @@ fn an_error_names_file_and_field() {
 }
 
 #[test]
-fn a_newer_version_is_told_even_with_fields_unknown_here() {
+fn a_newer_version_is_reported_even_with_unknown_fields() {
     let newer = load(br#"{"version":7,"operations":[{"warp":1}],"layers":[]}"#).unwrap_err();
     assert!(matches!(newer, EditError::NewerVersion { found: 7, known: VERSION, .. }));
     assert!(newer.to_string().contains("use a newer volseggs"));
@@ -80,7 +80,7 @@ fn opacity_shows_again_only_where_it_says_so() {
 }
 
 #[test]
-fn a_list_is_for_humans() {
+fn lists_are_readable() {
     let mut stack = EditStack::default();
     let rotate = |about| Operation::Rotate { axis: [0.0, 0.0, 1.0], degrees: 90.0, about };
     for (names, operation) in [
@@ -111,7 +111,7 @@ fn a_list_is_for_humans() {
     let nobody = stack.push(edit(&[], Operation::Hide)).unwrap_err();
     let blank = stack.push(edit(&["a", " "], Operation::Hide)).unwrap_err();
     assert!(matches!(nobody, EditError::Value { .. }) && blank.to_string().contains("segments[1]"));
-    assert_eq!(stack.undone.len(), 2, "a refused edit forgets nothing");
+    assert_eq!(stack.undone.len(), 2, "a refused edit keeps the undone ones");
 }
 
 proptest! {

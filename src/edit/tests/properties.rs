@@ -68,7 +68,7 @@ proptest! {
     }
 
     #[test]
-    fn push_forgets_what_was_undone(stack in filled(), operation in operation()) {
+    fn push_discards_undone_edits(stack in filled(), operation in operation()) {
         let mut changed = stack.clone();
         changed.undo();
         let kept = changed.operations.len();

@@ -52,6 +52,6 @@ impl FromStr for Method {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let found = Self::ALL.into_iter().find(|m| m.name() == text);
-        found.ok_or_else(|| format!("no method \"{text}\"; there is {}", Self::ALL.map(Self::name).join(", ")))
+        found.ok_or_else(|| format!("\"{text}\" is not a method; available: {}", Self::ALL.map(Self::name).join(", ")))
     }
 }

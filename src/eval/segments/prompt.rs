@@ -12,13 +12,13 @@ use burn::tensor::Device;
 use volseggs_kernels::splat::contributors::{Contributors, ContributorsError};
 
 /// Maximum number of pixels of the segment, and of the rest, by which a selection is judged.
-const PIXELS: usize = 6000;
+const MAX_PIXELS: usize = 6000;
 /// Fraction of a pixel's colour above which it counts as covered by a selection.
 const SHARE: f32 = 0.5;
 /// Minimum alpha of a pixel that can be covered.
-const LEAST: f32 = 0.02;
+const MIN_ALPHA: f32 = 0.02;
 /// Maximum number of pixels of the segment among which a further click is placed.
-const PLACES: usize = 24_000;
+const MAX_PLACES: usize = 24_000;
 
 /// A click on a segment, and what is needed to judge what it selects.
 #[derive(Clone, Debug)]
@@ -68,14 +68,14 @@ impl Prompt {
         let within: Vec<bool> = view.labels.iter().map(|l| ids.contains(l)).collect();
         let clicked = deepest(&within, width, height);
 
-        // candidates: at most `PIXELS` pixels of the segment, and as many of the rest
+        // candidates: at most `MAX_PIXELS` pixels of the segment, and as many of the rest
         let number = ids.first().copied().unwrap_or_default();
         let mut rng = Rng::new(0, u64::from(number), Purpose::PromptPixels);
         let mut choose = |wanted: bool| {
             let mut all: Vec<u32> = (0..within.len() as u32).filter(|&p| within[p as usize] == wanted).collect();
             let total = all.len();
             rng.shuffle(&mut all);
-            all.truncate(PIXELS);
+            all.truncate(MAX_PIXELS);
             (all, total)
         };
         let (inner, _) = choose(true);
@@ -119,13 +119,13 @@ impl Prompt {
     #[must_use]
     pub fn next(&self, selected: &[bool]) -> Option<Click> {
         let Places { size: [columns, rows], inside, pixels } = self.places.as_ref()?;
-        let mut left_out = vec![false; columns * rows];
+        let mut missed = vec![false; columns * rows];
         for (p, &place) in inside.iter().enumerate() {
-            left_out[place as usize] = shows(pixels, p) && !covered(pixels, p, selected);
+            missed[place as usize] = shows(pixels, p) && !covered(pixels, p, selected);
         }
-        let place = deepest(&left_out, *columns, *rows);
+        let place = deepest(&missed, *columns, *rows);
         let p = inside.binary_search(&(place as u32)).ok()?;
-        left_out[place].then(|| Click { under: pixels.pairs(p).collect() })
+        missed[place].then(|| Click { under: pixels.pairs(p).collect() })
     }
 
     /// Returns the intersection over union, in the clicked view, of where the selected Gaussians make up most of what
@@ -144,7 +144,7 @@ impl Prompt {
 
 /// Returns whether anything is visible at pixel `p` of these: a user does not click where nothing is.
 fn shows(pixels: &Contributors, p: usize) -> bool {
-    pixels.row(p).1.iter().sum::<f32>() > LEAST
+    pixels.row(p).1.iter().sum::<f32>() > MIN_ALPHA
 }
 
 /// Returns whether the selected Gaussians make up most of what is visible at pixel `p` of these.
@@ -155,7 +155,7 @@ fn covered(pixels: &Contributors, p: usize, selected: &[bool]) -> bool {
         whole += w;
         part += if selected[i as usize] { w } else { 0.0 };
     }
-    whole > LEAST && part > SHARE * whole
+    whole > MIN_ALPHA && part > SHARE * whole
 }
 
 /// Returns the smallest k for which the pixels of a segment in every k-th column and row are few enough, and these,
@@ -165,7 +165,7 @@ fn regular(within: &[bool], width: usize, height: usize) -> (usize, Vec<u32>) {
     loop {
         let all = (0..height).step_by(step).flat_map(|y| (0..width).step_by(step).map(move |x| y * width + x));
         let found: Vec<u32> = all.filter(|&p| within[p]).map(|p| p as u32).collect();
-        if found.len() <= PLACES {
+        if found.len() <= MAX_PLACES {
             return (step, found);
         }
         step += 1;
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_all_pixels_of_a_segment_or_every_so_many_columns_and_rows() {
+    fn places_are_all_pixels_of_a_segment_or_a_regular_subsample() {
         let (step, all) = regular(&[true; 150 * 150], 150, 150);
         assert_eq!((step, all.len()), (1, 150 * 150));
         let right: Vec<bool> = (0..201 * 301).map(|p| p % 201 >= 3).collect();

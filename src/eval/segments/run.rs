@@ -52,7 +52,7 @@ pub fn evaluate_segments(
             .map_err(|e| e.to_string())?;
         let Some(prompt) = prompt else {
             say(&format!(
-                "segment {}: cannot be seen at time {time:.3}, so not be clicked; try another --time",
+                "segment {}: not visible at time {time:.3}, so it cannot be clicked; try another --time",
                 target.name
             ));
             not_seen.push(target.name.clone());
@@ -176,7 +176,7 @@ fn choose(
         // as `segment pick` does, and the user waits for it
         for Chosen { selected, seconds, .. } in [Some(&mut fixed), oracle.as_mut()].into_iter().flatten() {
             let started = Instant::now();
-            let within = scenery.looked_in(method, &selected.members);
+            let within = scenery.searched(method, &selected.members);
             selected.members = propagate(scene, &selected.members, &within, time).map_err(|e| e.to_string())?;
             *seconds += started.elapsed().as_secs_f64();
         }

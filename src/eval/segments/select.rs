@@ -99,12 +99,12 @@ impl Scenery<'_> {
         match setting {
             Setting::Coarse(options) => {
                 let colours = trained.colours.iter().find(|(o, _)| o == options).map(|(_, c)| c);
-                let colours = colours.ok_or("colours were not found beforehand at this setting")?;
+                let colours = colours.ok_or("no colours were computed for this setting")?;
                 Ok(whole(self.colour(colours, click).map_or_else(Vec::new, |(_, members)| members)))
             }
             Setting::Field(options) => {
                 let field = if method == Method::CoarseFine { &trained.parts } else { &trained.whole };
-                let Lifted { field, frame } = field.as_ref().ok_or("the field was not trained beforehand")?;
+                let Lifted { field, frame } = field.as_ref().ok_or("the affinity field was not trained")?;
                 let all = || (0..self.at.len() as u32).collect::<Vec<_>>();
                 let on = match method {
                     // as `segment pick` does: in the clicked colour, or in the whole scene if no colour contains what
@@ -120,7 +120,7 @@ impl Scenery<'_> {
                 Ok(Selected { asked: Some((picked.scale, picked.threshold)), ..whole(picked.members) })
             }
             Setting::Saga(options) => {
-                let model = trained.saga.as_ref().ok_or("SAGA was not trained beforehand")?;
+                let model = trained.saga.as_ref().ok_or("SAGA was not trained")?;
                 Ok(whole(anything().map_or_else(Vec::new, |clicked| pick_saga(model, clicked, options))))
             }
             Setting::Sagd(options) => {
@@ -140,7 +140,7 @@ impl Scenery<'_> {
 
     /// Returns the Gaussians among which a field selected `members`: all of their colours for `coarse+fine`, if each of
     /// them has a colour, otherwise all of the scene.
-    pub fn looked_in(&self, method: Method, members: &[u32]) -> Vec<u32> {
+    pub fn searched(&self, method: Method, members: &[u32]) -> Vec<u32> {
         let labels = &self.trained.coarse().labels;
         let colours: BTreeSet<u32> = members.iter().map(|&i| labels[i as usize]).collect();
         let all = method != Method::CoarseFine || colours.contains(&0);

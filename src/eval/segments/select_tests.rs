@@ -112,7 +112,7 @@ fn further_clicks_add_to_what_is_selected() {
 }
 
 #[test]
-fn a_moved_gaussian_stands_in_the_scene_where_the_selection_has_it() {
+fn moved_gaussians_keep_the_position_of_the_selection() {
     let at = APART.gaussians();
     let moved = (vec![0.5, 0.0, 0.0, 0.0, 0.25, 0.0], vec![0.0, 0.0, -1.0, 0.0, 0.0, 0.0]);
     let selected = Selected { members: vec![2, 7], moved, asked: None };

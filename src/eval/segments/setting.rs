@@ -122,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_method_has_as_many_different_tries_and_the_fixed_one_is_among_them() {
+    fn the_tries_of_every_method_are_distinct_and_include_the_fixed_setting() {
         for clusters in [None, Some(SPARE)].into_iter().chain(COLOURS.map(Some)) {
             let coarse = CoarseOptions { clusters, ..CoarseOptions::default() };
             for method in Method::ALL {

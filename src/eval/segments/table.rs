@@ -17,10 +17,10 @@ use std::path::Path;
 #[must_use]
 pub fn markdown(evaluation: &SegmentEvaluation) -> String {
     let asked = evaluation.oracle_tries > 0;
-    let oracle = if asked { " oracle: 3D IoU % | least | 2D IoU % | least |" } else { "" };
+    let oracle = if asked { " oracle: 3D IoU % | min | 2D IoU % | min |" } else { "" };
     let mut out = format!(
-        "| segment | method | 3D IoU % | least | 2D IoU % | least | PSNR dB | SSIM | LPIPS |{oracle} training, s | click, s \
-         |\n|---|---|--:|--:|--:|--:|--:|--:|--:|{}--:|--:|\n",
+        "| segment | method | 3D IoU % | min | 2D IoU % | min | PSNR dB | SSIM | LPIPS |{oracle} training, s | click, \
+         s |\n|---|---|--:|--:|--:|--:|--:|--:|--:|{}--:|--:|\n",
         if asked { "--:|--:|--:|--:|" } else { "" }
     );
     // writing to a String cannot fail
@@ -62,9 +62,9 @@ fn note(evaluation: &SegmentEvaluation) -> String {
     };
     let times = evaluation.results.iter().map(|r| r.fixed.times.len()).max().unwrap_or(0);
     let mut out = format!(
-        "Clicked at time {:.3}, placed by the truth; settings fixed beforehand, one try. Seed {}; masks: {}, {} views. 2D: \
-         {} views a time that were not clicked ({} of them with the segment at the clicked time), {times} times; \"least\" is \
-         the least over the times, the Gaussians followed.",
+        "Clicked at time {:.3}, at places chosen from the ground truth; settings fixed in advance, one try. Seed {}; \
+         masks: {}, {} views. 2D: {} views per time that were not clicked ({} of them show the segment at the clicked \
+         time), {times} times; \"min\" is the minimum over these times, with the Gaussians tracked.",
         evaluation.time,
         evaluation.seed,
         evaluation.masks,
@@ -75,30 +75,31 @@ fn note(evaluation: &SegmentEvaluation) -> String {
     if evaluation.oracle_tries > 0 {
         let _ = write!(
             out,
-            " Oracle: the best of {} settings for each method and click by the truth in the clicked view, which no user has.",
+            " Oracle: the best of {} settings for each method and click, judged by the ground truth in the clicked \
+             view, which no user has.",
             evaluation.oracle_tries
         );
     }
     if !evaluation.not_seen.is_empty() {
         let _ = write!(
             out,
-            " Not seen at that time, so not clicked, and neither in the table nor in the means: {}.",
+            " Not visible at that time, so not clicked and excluded from the table and the means: {}.",
             evaluation.not_seen.join(", ")
         );
     }
     if !evaluation.partly_known.is_empty() {
         let _ = write!(
             out,
-            " Part of something larger at some times, which do not count for them: {}.",
+            " Part of something larger at some times, which are excluded for them: {}.",
             evaluation.partly_known.join(", ")
         );
     }
     match evaluation.volume_times.len() {
         0 => out.push_str(
-            " 3D: the dataset has no volumes of segment ids; make it again with `volseggs prepare` to have them.",
+            " 3D: the dataset has no volumes of segment ids; make it again with `volseggs prepare` to get them.",
         ),
         n => {
-            let _ = write!(out, " 3D: cells of true volumes at {n} times, weighted by their opacity.");
+            let _ = write!(out, " 3D: cells of ground-truth volumes at {n} times, weighted by their opacity.");
         }
     }
     out.push('\n');
@@ -242,9 +243,9 @@ mod tests {
             columns: 1,
         };
         let json = |e: &SegmentEvaluation| serde_json::to_string(e).unwrap();
-        assert!(!markdown(&evaluation).contains("Not seen") && !json(&evaluation).contains("not_seen"));
+        assert!(!markdown(&evaluation).contains("Not visible") && !json(&evaluation).contains("not_seen"));
         evaluation.not_seen = vec!["tube-c".into(), "tube-d".into()];
-        assert!(markdown(&evaluation).contains("Not seen") && markdown(&evaluation).contains("tube-c, tube-d."));
+        assert!(markdown(&evaluation).contains("Not visible") && markdown(&evaluation).contains("tube-c, tube-d."));
         assert!(json(&evaluation).contains(r#""not_seen":["tube-c","tube-d"]"#));
     }
 }

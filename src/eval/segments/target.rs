@@ -20,17 +20,17 @@ impl FromStr for Union {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let how = "write NAME=SEGMENT+SEGMENT, such as tubes=tube-a+tube-b";
-        let (name, parts) = text.split_once('=').ok_or_else(|| format!("\"{text}\": no \"=\"; {how}"))?;
+        let (name, parts) = text.split_once('=').ok_or_else(|| format!("\"{text}\": \"=\" is missing; {how}"))?;
         let name = Name::new(name.trim()).map_err(|e| format!("\"{text}\": {e}; {how}"))?;
         let parts: Vec<String> = parts.split('+').map(|p| p.trim().to_owned()).collect();
         if parts.iter().any(String::is_empty) {
-            return Err(format!("\"{text}\": a segment without a name; {how}"));
+            return Err(format!("\"{text}\": a segment has no name; {how}"));
         }
         if parts.len() < 2 {
-            return Err(format!("\"{text}\": one segment is measured as it is; {how}"));
+            return Err(format!("\"{text}\": a union needs at least two segments; {how}"));
         }
         if let Some(twice) = parts.iter().enumerate().find(|(i, p)| parts[..*i].contains(p)) {
-            return Err(format!("\"{text}\": {} stands there twice; {how}", twice.1));
+            return Err(format!("\"{text}\": {} is given twice; {how}", twice.1));
         }
         Ok(Self { name, parts })
     }
@@ -58,26 +58,26 @@ pub fn targets(truth: &Truth, only: &[String], unions: &[Union], clicked: f64) -
     let path = truth.root.join(truth::FILE);
     let bad = |problem: String| {
         let names: Vec<&str> = truth.file.segments.iter().map(|s| s.name.as_str()).collect();
-        let hint = format!("the dataset knows {}", names.join(", "));
+        let hint = format!("available: {}", names.join(", "));
         DataError::field_error(&path, None, "segments", problem, &hint)
     };
     let id = |name: &str| {
         let found = truth.file.segments.iter().find(|s| s.name == name).map(|s| s.id);
-        found.ok_or_else(|| bad(format!("no segment is called \"{name}\"")))
+        found.ok_or_else(|| bad(format!("no segment has the name \"{name}\"")))
     };
     for name in only {
         id(name)?;
     }
     let target = |name: String, ids: Vec<u16>| match followed(truth, &ids, clicked) {
         Some(frames) => Ok(Target { name, ids, frames }),
-        None => Err(bad(format!("the segments of \"{name}\" are known in different views"))),
+        None => Err(bad(format!("the segments of \"{name}\" have ground truth in different views"))),
     };
     let wanted = truth.file.segments.iter().filter(|s| only.is_empty() || only.contains(&s.name));
     let mut out = wanted.map(|s| target(s.name.clone(), vec![s.id])).collect::<Result<Vec<_>, _>>()?;
     for (i, union) in unions.iter().enumerate() {
         let name = union.name.to_string();
         if id(&name).is_ok() || unions[..i].iter().any(|u| u.name == union.name) {
-            return Err(bad(format!("\"{name}\" is to name several segments, but is a name already; choose another")));
+            return Err(bad(format!("\"{name}\" is the name of another segment or union; choose another name")));
         }
         let ids = union.parts.iter().map(|part| id(part)).collect::<Result<Vec<_>, _>>()?;
         out.push(target(name, ids)?);
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn segments_and_unions_are_targets_and_what_is_unknown_is_named() {
+    fn segments_and_unions_are_targets_and_unknown_names_are_reported() {
         let union = |text: &str| text.parse::<Union>().unwrap();
         let found = targets(&truth(), &["b".to_owned()], &[union("pair=a+b")], 0.5).unwrap();
         let rows: Vec<_> = found.iter().map(|t| (t.name.as_str(), t.ids.clone(), t.frames.len())).collect();
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn a_whole_is_all_that_merged_into_it_before_and_a_part_is_not_known_after() {
+    fn a_merged_segment_includes_its_parts_before_and_hides_them_after() {
         let mut truth = truth();
         let Truth { file, .. } = &mut truth;
         file.segments.truncate(2);

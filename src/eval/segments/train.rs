@@ -278,8 +278,8 @@ impl MaskSource for Shifted {
         self.inner.needs_front()
     }
 
-    fn side_by_side(&self) -> usize {
-        self.inner.side_by_side()
+    fn batch_size(&self) -> usize {
+        self.inner.batch_size()
     }
 }
 
@@ -306,7 +306,7 @@ pub fn write_mask_pictures(
     let (parts, whole) = trainers.groups(&coarse);
     let groups = [parts, whole].concat();
     if groups.is_empty() {
-        let problem = "none of the methods needs masks, so there are no pictures of them";
+        let problem = "none of the methods needs masks, so there are no pictures to write";
         return Err(SegmentEvalError::Input(problem.to_owned()));
     }
     let shots = trainers.shots()?;

@@ -111,7 +111,7 @@ impl TruthFrame {
         let size = reader().into_dimensions().map_err(|e| fail(e.to_string()))?;
         if size != (self.camera.width, self.camera.height) {
             return Err(fail(format!(
-                "{}x{}, segments.json says {}x{}",
+                "{}x{} pixels, but segments.json says {}x{}",
                 size.0, size.1, self.camera.width, self.camera.height
             )));
         }

@@ -32,7 +32,7 @@ fn add(at: &mut HostGaussians, mean: DVec3, sigma: f64) {
     at.sh.extend([0.0; 3]);
 }
 
-fn nobody() -> HostGaussians {
+fn no_gaussians() -> HostGaussians {
     HostGaussians { sh_stride: 1, ..HostGaussians::default() }
 }
 
@@ -40,7 +40,7 @@ fn nobody() -> HostGaussians {
 /// in.
 fn filled(keep: impl Fn(DVec3) -> bool) -> (HostGaussians, Vec<u16>) {
     let truth = volume(balls);
-    let (mut at, mut of) = (nobody(), Vec::new());
+    let (mut at, mut of) = (no_gaussians(), Vec::new());
     for c in 0..truth.ids.len() {
         let place = DVec3::from_array(truth.centre([c % 32, c / 32 % 32, c / 1024]));
         if truth.ids[c] > 0 && keep(place) {
@@ -64,10 +64,10 @@ fn balls_are_found_and_their_overlap_is_that_of_the_opacities() {
     let [left, both] = [select(&of, |_, b| b == 1), select(&of, |_, _| true)];
     assert_eq!(cells.iou(&left, &[1]).unwrap(), Some(1.0));
     assert_eq!(cells.iou(&left, &[2]).unwrap(), Some(0.0));
-    assert_eq!(cells.iou(&left, &[1, 2]).unwrap(), Some(0.5), "as large as each other");
+    assert_eq!(cells.iou(&left, &[1, 2]).unwrap(), Some(0.5), "the balls have the same size");
     assert_eq!(cells.iou(&both, &[1]).unwrap(), Some(0.5));
     assert_eq!(cells.iou(&both, &[1, 2]).unwrap(), Some(1.0));
-    assert_eq!(cells.iou(&both, &[7]).unwrap(), Some(0.0), "a segment that is not there");
+    assert_eq!(cells.iou(&both, &[7]).unwrap(), Some(0.0), "an absent segment");
     assert_eq!(cells.iou(&select(&of, |_, _| false), &[7]).unwrap(), None);
     // half of the left ball, cut at its centre
     let half = select(&of, |i, b| b == 1 && f64::from(at.means[3 * i]) < CENTRES[0].x);
@@ -80,11 +80,11 @@ fn balls_are_found_and_their_overlap_is_that_of_the_opacities() {
 }
 
 #[test]
-fn the_inside_of_a_body_belongs_to_its_surface_and_empty_space_to_nobody() {
+fn the_interior_belongs_to_the_surface_and_empty_space_to_no_gaussian() {
     let truth = volume(balls);
     // a surface layer of a tenth, and nothing inside
-    let skin = |p: DVec3| CENTRES.iter().any(|c| c.distance(p) > RADIUS - 0.1 && c.distance(p) <= RADIUS);
-    let (at, of) = filled(skin);
+    let surface_layer = |p: DVec3| CENTRES.iter().any(|c| c.distance(p) > RADIUS - 0.1 && c.distance(p) <= RADIUS);
+    let (at, of) = filled(surface_layer);
     let cells = Cells::new(&truth, &at).unwrap();
     assert!(cells.owners.len() > 200, "{} cells are reached by no Gaussian", cells.owners.len());
     assert_eq!(cells.iou(&select(&of, |_, b| b == 1), &[1]).unwrap(), Some(1.0));
@@ -97,7 +97,7 @@ fn the_inside_of_a_body_belongs_to_its_surface_and_empty_space_to_nobody() {
     with.members.extend(at.len() as u32..more.len() as u32);
     assert_eq!(Cells::new(&truth, &more).unwrap().iou(&with, &[1]).unwrap(), Some(1.0));
     // of two equally near Gaussians, the larger reaches farther, whatever its place in the list
-    let mut two = nobody();
+    let mut two = no_gaussians();
     let cell = volume(|p| if p.distance(DVec3::new(0.05, 0.05, 0.05)) < 0.01 { (1, 0.5) } else { (0, 0.0) });
     add(&mut two, DVec3::new(-0.95, 0.05, 0.05), 0.06);
     add(&mut two, DVec3::new(1.05, 0.05, 0.05), 0.12);
@@ -108,7 +108,7 @@ fn the_inside_of_a_body_belongs_to_its_surface_and_empty_space_to_nobody() {
 #[test]
 fn half_of_the_density_is_not_more_than_half() {
     let truth = volume(|p| if p.distance(DVec3::splat(0.05)) < 0.01 { (1, 0.5) } else { (0, 0.0) });
-    let mut at = nobody();
+    let mut at = no_gaussians();
     add(&mut at, DVec3::splat(0.05), 0.05);
     add(&mut at, DVec3::splat(0.05), 0.05);
     let cells = Cells::new(&truth, &at).unwrap();
@@ -123,7 +123,7 @@ fn half_of_the_density_is_not_more_than_half() {
 }
 
 #[test]
-fn poison_and_nothing_are_taken() {
+fn non_finite_and_empty_inputs_are_accepted() {
     let truth = volume(balls);
     let (at, of) = filled(|_| true);
     let left = select(&of, |_, b| b == 1);
@@ -146,7 +146,7 @@ fn poison_and_nothing_are_taken() {
     holes.opacity.iter_mut().step_by(7).for_each(|o| *o = f32::NAN);
     assert_eq!(Cells::new(&holes, &at).unwrap().iou(&left, &[1]).unwrap(), Some(1.0));
     // no Gaussians, nothing selected, no opacity, arrays that disagree
-    let none = nobody();
+    let none = no_gaussians();
     assert_eq!(Cells::new(&truth, &none).unwrap().iou(&Selected::default(), &[1]).unwrap(), Some(0.0));
     let clear = volume(|_| (1, 0.0));
     assert_eq!(Cells::new(&clear, &at).unwrap().iou(&left, &[1]).unwrap(), None);

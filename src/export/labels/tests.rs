@@ -121,7 +121,7 @@ fn the_same_volume_is_the_same_file() {
 }
 
 #[test]
-fn what_cannot_be_told_apart_later_is_refused() {
+fn invalid_and_ambiguous_labels_are_refused() {
     let (ids, names) = example(7);
     let folder = tempfile::tempdir().unwrap();
     let refused = |grid: Grid, ids: &[u16], names: &[NamedLabel]| {
@@ -143,7 +143,7 @@ fn what_cannot_be_told_apart_later_is_refused() {
     assert!(matches!(refused(empty, &[], &names), LabelsError::Shape { .. }));
     let flat = Grid { spacing: [1.0, 0.0, 1.0], ..GRID };
     assert!(matches!(refused(flat, &ids, &names), LabelsError::Field { field, .. } if field == "grid"));
-    assert!(changed(&|n| n.value = 0).contains("names[1].value: 0 is no label"));
+    assert!(changed(&|n| n.value = 0).contains("names[1].value: 0 is not a label"));
     assert!(changed(&|n| n.value = 1).contains("names[1].value: is given twice"));
     assert!(changed(&|n| n.name = "a\nb".into()).contains("names[1].name"));
     assert!(changed(&|n| n.name = "  ".into()).contains("names[1].name"));
@@ -170,16 +170,16 @@ fn a_file_says_whether_it_holds_edits_and_gives_way_to_the_next() {
         write_vti(&vti, &volume).unwrap();
         let bytes = std::fs::read(&nrrd).unwrap();
         let header = split(&bytes, b"\n\n").0;
-        let said = if edited { "with the edits" } else { "as trained" };
-        assert!(header.contains("# volseggs") && header.contains(said) && header.contains(key), "{header}");
+        let state = if edited { "with the edits" } else { "as trained" };
+        assert!(header.contains("# volseggs") && header.contains(state) && header.contains(key), "{header}");
         let bytes = std::fs::read(&vti).unwrap();
         let markup = split(&bytes, b"<AppendedData").0;
-        assert!(markup.contains("<!-- volseggs") && markup.contains(said), "{markup}");
+        assert!(markup.contains("<!-- volseggs") && markup.contains(state), "{markup}");
         assert!(markup.contains(&format!(r#"Name="edited" NumberOfTuples="1" format="ascii">{value}<"#)), "{markup}");
         for path in [&nrrd, &vti] {
             let series = [path.display().to_string()];
             let series = crate::volume::series::Series::open(&series, &Default::default()).unwrap();
-            assert_eq!(series.load_labels(0).unwrap().ids, ids, "our own readers pass over the comment");
+            assert_eq!(series.load_labels(0).unwrap().ids, ids, "our own readers skip the comment");
         }
     }
 }

@@ -86,7 +86,7 @@ impl Header {
             Ok(line.trim_end().to_owned())
         };
         if next("the first line")? != "ply" {
-            return wrong("this is no PLY file: the first line is not `ply`");
+            return wrong("this is not a PLY file: the first line is not `ply`");
         }
         let mut count: Option<usize> = None;
         let mut formatted = false;
@@ -143,7 +143,7 @@ impl Header {
         };
         let rest = slots.iter().filter(|(n, _)| n.starts_with("f_rest_")).count();
         if !(0..=MAX_SH_DEGREE).any(|d| rest == 3 * ((d + 1) * (d + 1) - 1)) {
-            return wrong(format!("{rest} f_rest properties match no degree; expected 0, 9, 24 or 45"));
+            return wrong(format!("{rest} f_rest properties do not match a degree; expected 0, 9, 24 or 45"));
         }
         let names = numbered("f_rest_", rest);
         Ok(Self {

@@ -106,9 +106,9 @@ fn wrong_files_are_named() {
     assert!(with("element vertex 2", "element point 2").contains("`point`"));
     assert!(with("vertex 2", "vertex -2").contains("is not a count"));
     assert!(with("float opacity", "float o").contains("`opacity` is missing"));
-    assert!(with("float nx", "float f_rest_0").contains("match no degree"));
+    assert!(with("float nx", "float f_rest_0").contains("do not match a degree"));
     assert!(with("float nx", "quad nx").contains("unknown type quad"));
-    assert!(with("ply\n", "plx\n").contains("no PLY file"));
+    assert!(with("ply\n", "plx\n").contains("not a PLY file"));
     let cut = read(&good[..good.len() - 1]).unwrap_err();
     assert!(cut.contains("Gaussian 1 of 2"), "{cut}");
     // A number of rows that could never fit into memory fails at the first missing row.

@@ -1,6 +1,6 @@
 //! The loss of a step, and the network's inputs for the pixels of a view.
 
-use super::network::{INPUTS, OUTPUTS, SineNetwork, parameters, values_of_a_pixel};
+use super::network::{INPUTS, OUTPUTS, SineNetwork, parameters, values_per_pixel};
 use crate::config::types::Config;
 use crate::config::types::methods::CoordNetConfig;
 use crate::data::{Dataset, Frame};
@@ -37,12 +37,12 @@ impl Network for CoordNet {
     type Spec = CoordNetSpec;
 
     fn check(&self, config: &Config) -> Result<(), String> {
-        let none = "method = \"coordnet\" asks for the section [coordnet]: begin with --method coordnet";
+        let none = "method = \"coordnet\" needs the section [coordnet]: start with --method coordnet";
         let settings = config.coordnet.as_ref().ok_or(none)?;
         settings.check()?;
         // values that the autodiff tape keeps per hidden value
-        let bytes = product(&[settings.batch, 3 * size_of::<f32>()]).saturating_mul(values_of_a_pixel(settings));
-        let what = format!("coordnet.batch = {} with layers this wide", settings.batch);
+        let bytes = product(&[settings.batch, 3 * size_of::<f32>()]).saturating_mul(values_per_pixel(settings));
+        let what = format!("coordnet.batch = {} with layers of this width", settings.batch);
         Budget::now().check(what, bytes).map_err(|e| e.to_string())
     }
 
@@ -53,7 +53,7 @@ impl Network for CoordNet {
     fn work(&self, config: &Config) -> Option<Work> {
         let settings = config.coordnet.as_ref()?;
         let weights = parameters(settings) as f64;
-        let bytes = 20.0 * weights + 12.0 * settings.batch as f64 * values_of_a_pixel(settings) as f64;
+        let bytes = 20.0 * weights + 12.0 * settings.batch as f64 * values_per_pixel(settings) as f64;
         Some(Work { step: settings.batch as f64 * weights, pixel: weights, bytes })
     }
 

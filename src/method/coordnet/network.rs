@@ -83,7 +83,7 @@ pub fn parameters(config: &CoordNetConfig) -> u128 {
 }
 
 /// Total number of hidden values per pixel in all layers; saturates.
-pub(super) fn values_of_a_pixel(config: &CoordNetConfig) -> u128 {
+pub(super) fn values_per_pixel(config: &CoordNetConfig) -> u128 {
     let of = |[inputs, outputs]: [usize; 2]| product(&[outputs, if inputs == outputs { 2 } else { 3 }]);
     sizes(config).map(of).fold(0, u128::saturating_add)
 }
@@ -102,7 +102,7 @@ impl SineNetwork {
     pub fn device(&self) -> Device {
         match self.blocks.first() {
             Some(block) => block.first.weight.device(),
-            None => unreachable!("the block that gives the colour is always there"),
+            None => unreachable!("there is always a block that outputs the colour"),
         }
     }
 
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn what_goes_into_each_sine_has_the_published_spread() {
+    fn arguments_of_sines_have_the_published_variance() {
         // The argument of a sine has twice the variance of its layer's input. Inputs that are uniform in [-1, 1] have
         // variance 1/3; the sine of a normal distribution of variance v has (1 - exp(-2 v)) / 2.
         let (device, width, n) = (device(), 256, 512);
@@ -194,6 +194,6 @@ mod tests {
         assert!(second <= bound && second > 0.99 * bound, "{second}");
         let first = f64::from(largest("blocks.0.first.weight"));
         let bound = weight_bound(INPUTS, 30.0);
-        assert!(first <= bound && first > 0.98 * bound, "{first}: the first layer has the rule of the others");
+        assert!(first <= bound && first > 0.98 * bound, "{first}: the first layer follows the same rule");
     }
 }

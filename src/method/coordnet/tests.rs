@@ -53,7 +53,7 @@ fn pixels_reach_from_edge_to_edge() {
     assert_eq!(at(0), [-1.0, -1.0, 0.1, 0.2, 0.3]);
     assert_eq!(at(14), [1.0, 1.0, 0.1, 0.2, 0.3]);
     assert_eq!(at(6), [-0.5, 0.0, 0.1, 0.2, 0.3]);
-    assert_eq!(pixel_inputs(0, [1, 1], [0.0; 3])[..2], [-1.0, -1.0], "a single pixel is no division by zero");
+    assert_eq!(pixel_inputs(0, [1, 1], [0.0; 3])[..2], [-1.0, -1.0], "a single pixel divides by zero");
 }
 
 #[test]
@@ -74,7 +74,7 @@ fn decay_alone_is_the_published_one() {
 }
 
 #[test]
-fn settings_and_files_that_cannot_be_are_refused() {
+fn invalid_settings_and_files_are_refused() {
     type Edit = fn(&mut CoordNetConfig);
     let cases: [(Edit, &str); 6] = [
         (|c| c.widths.clear(), "coordnet.widths = []"),
@@ -104,7 +104,7 @@ fn settings_and_files_that_cannot_be_are_refused() {
         tensors.values_mut().next().unwrap().values[0] = f32::NAN;
     };
     let error = error_of(&METHOD, poison, &config(1), &data);
-    assert!(error.contains("no finite number"), "{error}");
+    assert!(error.contains("is not finite"), "{error}");
 }
 
 #[test]

@@ -8,11 +8,11 @@ use burn::tensor::activation::{log_sigmoid, sigmoid};
 use volseggs_kernels::splat::CovarianceInputs;
 
 /// Gaussians whose marginal at a time is at most this are not drawn, as in the official code.
-const LEAST_MARGINAL: f32 = 0.05;
+const MIN_MARGINAL: f32 = 0.05;
 /// The logit of a vanishing opacity.
 const TRANSPARENT: f32 = -1e4;
 /// Minimum transmittance, so that its logarithm is finite.
-const LEAST_PASSED: f32 = 1e-30;
+const MIN_TRANSMITTANCE: f32 = 1e-30;
 
 /// N Gaussians in space and time.
 #[derive(Module, Debug)]
@@ -87,10 +87,10 @@ impl Gaussians4d {
 
 /// The logits of opacities (given as logits) times marginals (given as logarithms); all `[N]`.
 fn faded(logits: Tensor<1>, log_marginals: Tensor<1>) -> Tensor<1> {
-    let gone = log_marginals.clone().lower_equal_elem(LEAST_MARGINAL.ln());
+    let gone = log_marginals.clone().lower_equal_elem(MIN_MARGINAL.ln());
     // 1 - o m = (1 - o) + o (1 - m), which avoids cancellation
     let lost = 1.0 - log_marginals.clone().exp();
     let passed: Tensor<1> = sigmoid(logits.clone().neg()) + sigmoid(logits.clone()) * lost;
-    let faded = log_sigmoid(logits) + log_marginals - passed.clamp_min(LEAST_PASSED).log();
+    let faded = log_sigmoid(logits) + log_marginals - passed.clamp_min(MIN_TRANSMITTANCE).log();
     faded.mask_fill(gone, TRANSPARENT)
 }

@@ -21,13 +21,13 @@ pub(in crate::method) const NAME: &str = "4dgs";
 impl Method for FourDgs {
     fn check(&self, config: &Config) -> Result<(), String> {
         let Some(settings) = &config.fourdgs else {
-            return Err(format!("method = \"{NAME}\" asks for the section [{NAME}]: begin with --method {NAME}"));
+            return Err(format!("method = \"{NAME}\" needs the section [{NAME}]: start with --method {NAME}"));
         };
         settings.check()?;
         check_shared(config)?;
         if settings.time_threshold > 0.0 && config.densify.threshold == 0.0 {
             return Err(format!(
-                "{NAME}.time_threshold = {}: only with densify.threshold above 0, beside which it counts",
+                "{NAME}.time_threshold = {}: needs densify.threshold above 0, with which it is combined",
                 settings.time_threshold
             ));
         }
@@ -60,7 +60,7 @@ fn check_shared(config: &Config) -> Result<(), String> {
         (
             config.stages.warmup_times != WarmupTimes::All,
             "stages.warmup_times = \"middle\"".to_owned(),
-            "its Gaussians are of all times; set it to \"all\"",
+            "its Gaussians cover all times; set it to \"all\"",
         ),
         (
             config.model.appearance != Appearance::Sh,
@@ -70,7 +70,7 @@ fn check_shared(config: &Config) -> Result<(), String> {
         (
             config.model.embedding > 0,
             format!("model.embedding = {}", config.model.embedding),
-            "it has no decoder that would see it",
+            "it has no decoder to read it",
         ),
         (
             config.loss.fade != 0.0,
@@ -80,7 +80,7 @@ fn check_shared(config: &Config) -> Result<(), String> {
         (
             config.densify.mode == DensifyMode::Relocate,
             "densify.mode = \"relocate\"".to_owned(),
-            "how its Gaussians share an opacity in time is not known",
+            "how copies would share an opacity that varies over time is not known",
         ),
         (average > 0, format!("optim.average = {average}"), "not with this method"),
         (coarse > 0, format!("speed.coarse_steps = {coarse}"), "not with this method"),
@@ -88,7 +88,7 @@ fn check_shared(config: &Config) -> Result<(), String> {
         (
             config.loss.extra.values().any(|weight| *weight != 0.0),
             "loss.extra".to_owned(),
-            "registered terms look at Gaussians that stay the same over time",
+            "registered terms need Gaussians that persist over time",
         ),
     ];
     match refused.into_iter().find(|(is_set, ..)| *is_set) {

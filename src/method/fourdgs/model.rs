@@ -62,11 +62,11 @@ impl Spec {
     fn check(&self) -> Result<(), String> {
         let Self { sh_stride, orders, sh_degree, time_degree, .. } = *self;
         if ![1, 4, 9, 16].contains(&sh_stride) || !(1..=MAX_ORDERS).contains(&orders) {
-            return Err(format!("{orders} orders of {sh_stride} coefficients: there are none such"));
+            return Err(format!("{orders} orders of {sh_stride} coefficients: not a valid combination"));
         }
         if sh_degree >= sh_stride.isqrt() || time_degree >= orders {
             return Err(format!(
-                "degrees {sh_degree} and {time_degree} are in use of {orders} orders of {sh_stride} coefficients"
+                "degrees {sh_degree} and {time_degree} do not fit {orders} orders of {sh_stride} coefficients"
             ));
         }
         check_dilation(self.dilation)?;
@@ -131,7 +131,8 @@ impl Scene4d {
         let format = |reason: String| SceneError::Format { path: path.into(), reason };
         let (tensors, metadata) = read_tensors(path)?;
         refuse_not_finite(path, &tensors)?;
-        let header = metadata.get(HEADER).ok_or_else(|| format(format!("no `{HEADER}` entry: of another method")))?;
+        let header =
+            metadata.get(HEADER).ok_or_else(|| format(format!("no `{HEADER}` entry: it is of another method")))?;
         let spec: Spec = serde_json::from_str(header).map_err(|e| format(format!("header: {e}")))?;
         spec.check().map_err(|e| format(format!("header: {e}")))?;
         let rows = |tensor: &HostTensor| tensor.shape.first().copied().unwrap_or_default();
@@ -149,7 +150,7 @@ impl Scene4d {
     pub(super) fn gaussians(&self) -> &Gaussians4d {
         match &self.module {
             Some(module) => &module.gaussians,
-            None => unreachable!("the optimiser gives the Gaussians back"),
+            None => unreachable!("the optimiser returns the Gaussians"),
         }
     }
 

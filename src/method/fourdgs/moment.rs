@@ -3,7 +3,7 @@
 use burn::tensor::Tensor;
 
 /// Minimum variance along time; a shorter Gaussian vanishes at all times but its own, and infinities are avoided.
-const LEAST_VARIANCE: f32 = 1e-12;
+const MIN_VARIANCE: f32 = 1e-12;
 /// Rows and columns of the entries of a covariance, in the order of [`volseggs_kernels::splat::CovarianceInputs`].
 const ENTRIES: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
@@ -38,7 +38,7 @@ impl Moment {
         // Sigma = M M^T with M = R S, whose first three rows are of space and the last of time
         let m = rotations * log_scales.transpose().exp().reshape([1, 4, n]);
         let (space, along) = (m.clone().narrow(0, 0, 3), m.narrow(0, 3, 1));
-        let variance = (along.clone() * along.clone()).sum_dim(1).clamp_min(LEAST_VARIANCE);
+        let variance = (along.clone() * along.clone()).sum_dim(1).clamp_min(MIN_VARIANCE);
         let velocities = (space.clone() * along.clone()).sum_dim(1) / variance.clone();
         // A - b b^T / c = P P^T with P = M_space - (b / c) m_time^T: a product is positive semi-definite in f32 as
         // well, unlike a difference of nearly equal matrices, as for a small, fast Gaussian

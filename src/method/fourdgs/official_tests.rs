@@ -26,7 +26,7 @@ const DIRECTIONS: [[f32; 3]; 2] = [[0.48, -0.6, 0.64], [-0.36, 0.48, 0.8]];
 fn close(what: &str, ours: &[f32], official: &[f32]) {
     assert_eq!(ours.len(), official.len());
     for (k, (a, b)) in ours.iter().zip(official).enumerate() {
-        assert!((a - b).abs() < 2e-6, "{what}: number {k} is {a}, officially {b}");
+        assert!((a - b).abs() < 2e-6, "{what}: value {k} is {a}, but {b} in the official code");
     }
 }
 

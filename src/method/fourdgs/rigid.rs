@@ -7,11 +7,11 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Decay of a neighbour's weight with its distance, 1 / world units (published code).
-const FALL: f32 = 100.0;
+const WEIGHT_DECAY: f32 = 100.0;
 /// The duration over which motions are compared; the whole time range is 1 (published code).
-const WHILE: f32 = 0.1;
+const INTERVAL: f32 = 0.1;
 /// Minimum squared difference, as the square root has no gradient at 0.
-const LEAST_SQUARE: f32 = 1e-12;
+const MIN_SQUARE: f32 = 1e-12;
 /// The names in a checkpoint.
 const NEIGHBOURS: &str = "rigid.neighbours";
 const WEIGHTS: &str = "rigid.weights";
@@ -43,7 +43,7 @@ impl Neighbours {
             })
             .collect();
         let indices = found.iter().flatten().map(|(i, _)| *i).collect();
-        let weights = found.iter().flatten().map(|(_, square)| (-FALL * square.sqrt()).exp()).collect();
+        let weights = found.iter().flatten().map(|(_, square)| (-WEIGHT_DECAY * square.sqrt()).exp()).collect();
         Self::put(indices, weights, count, device)
     }
 
@@ -61,11 +61,11 @@ impl Neighbours {
     /// displacement of a mean in a tenth of the time range, from `velocities` `[N, 3]`; `[1]`.
     pub(super) fn loss(&self, velocities: Tensor<2>) -> Tensor<1> {
         let [n, _] = velocities.dims();
-        let ways = velocities.mul_scalar(WHILE);
+        let ways = velocities.mul_scalar(INTERVAL);
         let theirs = ways.clone().select(0, self.indices.clone()).reshape([n, self.count, 3]);
         let apart = theirs - ways.reshape([n, 1, 3]);
         let square = (apart.clone() * apart).sum_dim(2).reshape([n, self.count]);
-        (square.clamp_min(LEAST_SQUARE).sqrt() * self.weights.clone()).mean()
+        (square.clamp_min(MIN_SQUARE).sqrt() * self.weights.clone()).mean()
     }
 
     /// The neighbours as tensors for a checkpoint; indices are exact in f32 below 2^24.
@@ -95,7 +95,7 @@ impl Neighbours {
         };
         let fits = |t: &HostTensor| t.values.len() == n * count;
         if !fits(indices) || !fits(weights) || indices.values.iter().any(|i| !(0.0..n as f32).contains(i)) {
-            return Err(format!("{NEIGHBOURS} and {WEIGHTS} are not {count} neighbours of each of {n} Gaussians"));
+            return Err(format!("{NEIGHBOURS} and {WEIGHTS} do not hold {count} neighbours for each of {n} Gaussians"));
         }
         let indices = indices.values.iter().map(|&i| i as u32).collect();
         Ok(Some(Self::put(indices, weights.values.clone(), count, device)))
@@ -163,7 +163,7 @@ mod tests {
     );
 
     #[test]
-    fn they_go_through_a_checkpoint() {
+    fn neighbours_survive_a_checkpoint() {
         let device = crate::device::DeviceName::all()[0].open().unwrap();
         let points: Vec<f32> = POINTS.as_flattened().iter().map(|v| *v as f32).collect();
         let tensors = Neighbours::of(&points, 3, &device).to_tensors();

@@ -3,7 +3,7 @@
 use burn::tensor::Tensor;
 
 /// Minimum squared length of a quaternion: one of zero length collapses its Gaussian to a point instead of giving NaN.
-const SMALLEST: f32 = 1e-24;
+const MIN_SQUARE: f32 = 1e-24;
 
 /// The component of a quaternion (w, i, j, k: 1 to 4) at each entry of a 4x4 matrix, with its sign.
 type Layout = [[i8; 4]; 4];
@@ -33,7 +33,7 @@ pub(super) fn rotations(left: Tensor<2>, right: Tensor<2>) -> Tensor<3> {
 fn unit(quaternions: Tensor<2>) -> Tensor<2> {
     let quaternions = quaternions.transpose();
     let square = (quaternions.clone() * quaternions.clone()).sum_dim(0);
-    quaternions / square.clamp_min(SMALLEST).sqrt()
+    quaternions / square.clamp_min(MIN_SQUARE).sqrt()
 }
 
 /// The matrices `[4, 4, N]` of a layout, for the order x, y, z, t instead of t, z, y, x: rows and columns are reversed.

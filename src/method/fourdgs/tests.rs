@@ -210,7 +210,7 @@ fn gradients_of_a_picture_are_difference_quotients(device: Device) {
     let mut of = random(8, 6);
     // so large that each is visible everywhere
     of.iter_mut().flat_map(|g| &mut g.log_scales).for_each(|s| *s += 1.2);
-    assert_eq!(picture(&of, Cutoffs::OP), picture(&of, Cutoffs::NONE), "a cutoff is met");
+    assert_eq!(picture(&of, Cutoffs::OP), picture(&of, Cutoffs::NONE), "a cutoff has an effect");
     let gpu = crate::device::runs_ahead(&device);
     let device = device.autodiff();
     let mut r = Rng::new(8, 0, Purpose::Custom(7));
@@ -281,13 +281,13 @@ fn extremes_spread_no_nan(device: Device) {
         let mut of = clean.clone();
         *numbers(&mut of[2])[k] = value;
         let (image, gradients) = run(&of);
-        assert!(image.iter().all(|v| v.is_finite()), "{value} as number {k}");
+        assert!(image.iter().all(|v| v.is_finite()), "{value} as value {k}");
         for i in [0, 1, 3, 4] {
-            assert!(gradients[i].iter().all(|v| v.is_finite()), "{value} as number {k}: gradient of {i}");
+            assert!(gradients[i].iter().all(|v| v.is_finite()), "{value} as value {k}: gradient of {i}");
         }
         if value.is_nan() && k < 17 {
-            assert_eq!(image, expected, "NaN as number {k} is drawn");
-            assert_eq!(gradients[0], expected_gradients[0], "NaN as number {k}");
+            assert_eq!(image, expected, "NaN as value {k} is drawn");
+            assert_eq!(gradients[0], expected_gradients[0], "NaN as value {k}");
         }
     }
     let far: [fn(&mut Gaussian); 8] = [
@@ -312,7 +312,7 @@ fn extremes_spread_no_nan(device: Device) {
     }
 }
 
-fn what_is_left_of_less_than_a_twentieth_is_not_drawn(device: Device) {
+fn marginals_below_a_twentieth_are_not_drawn(device: Device) {
     let mut of = random(2, 11);
     for g in &mut of {
         (g.right, g.opacity_logit) = (g.left, 3.0);
@@ -359,6 +359,6 @@ volseggs_testing::on_every_device!(
     gradients_of_a_picture_are_difference_quotients,
     equal_quaternions_turn_space_alone,
     extremes_spread_no_nan,
-    what_is_left_of_less_than_a_twentieth_is_not_drawn,
+    marginals_below_a_twentieth_are_not_drawn,
     rotations_are_products_of_quaternions,
 );

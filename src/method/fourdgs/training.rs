@@ -290,7 +290,7 @@ impl Training for Fit {
         let neighbours = Neighbours::from_tensors(&from.state, n, self.settings.rigid_neighbours, &self.device);
         let neighbours = neighbours.map_err(bad)?;
         self.by_time = match from.state.get(BY_TIME).map(|t| &t.values) {
-            Some(sums) if sums.len() != n => return Err(bad(format!("{BY_TIME} has not {n} entries"))),
+            Some(sums) if sums.len() != n => return Err(bad(format!("{BY_TIME} does not have {n} entries"))),
             sums => sums.map(|sums| Tensor::from_data(&sums[..], &inner)),
         };
         self.optimizer.load(&from.state, &params::sizes(&scene.module), &inner).map_err(bad)?;

@@ -104,7 +104,7 @@ fn the_number_of_threads_does_not_change_a_bit() {
         })
     };
     let one = run(1);
-    assert!(one == run(4), "another number of threads, other bits");
+    assert!(one == run(4), "the number of threads changed the result");
 }
 
 #[test]
@@ -186,39 +186,39 @@ fn damaged_files_are_refused_and_named() {
         write_tensors(&path, tensors, header.map(|h| ("4dgs", h))).unwrap();
         Scene4d::read(&path, &device()).unwrap_err().to_string()
     };
-    let told = |text: &str, words: &str| assert!(text.contains(words) && text.contains("scene.safetensors"), "{text}");
-    told(&refused(&good, None), "another method");
+    let check = |text: &str, words: &str| assert!(text.contains(words) && text.contains("scene.safetensors"), "{text}");
+    check(&refused(&good, None), "another method");
     for (from, to, words) in [
         ("\"sh_stride\":4", "\"sh_stride\":5", "orders of 5"),
         ("\"orders\":3", "\"orders\":4000000000", "orders of 4"),
         ("\"orders\":3", "\"orders\":2", "gaussians.sh"),
-        ("\"sh_degree\":0", "\"sh_degree\":2", "are in use"),
-        ("\"time_degree\":0", "\"time_degree\":3", "are in use"),
+        ("\"sh_degree\":0", "\"sh_degree\":2", "do not fit"),
+        ("\"time_degree\":0", "\"time_degree\":3", "do not fit"),
     ] {
         assert!(header.contains(from), "{header}");
-        told(&refused(&good, Some(header.replace(from, to))), words);
+        check(&refused(&good, Some(header.replace(from, to))), words);
     }
     let changed = |name: &str, change: fn(&mut HostTensor)| {
         let mut tensors = good.clone();
         change(tensors.get_mut(name).unwrap());
         refused(&tensors, Some(header.clone()))
     };
-    told(&changed("gaussians.times", |t| t.values[7] = f32::NAN), "gaussians.times, row 7");
+    check(&changed("gaussians.times", |t| t.values[7] = f32::NAN), "gaussians.times, row 7");
     let short = |t: &mut HostTensor| (t.shape, t.values) = (vec![3], vec![0.0; 3]);
-    told(&changed("gaussians.times", short), "differ in length");
+    check(&changed("gaussians.times", short), "differ in length");
     let mut none = good.clone();
     none.values_mut().for_each(|t| (t.shape[0], t.values) = (0, Vec::new()));
-    told(&refused(&none, Some(header.clone())), "no Gaussian");
+    check(&refused(&none, Some(header.clone())), "no Gaussian");
     let mut less = good.clone();
     less.remove("gaussians.right");
-    told(&refused(&less, Some(header.clone())), "gaussians.right");
+    check(&refused(&less, Some(header.clone())), "gaussians.right");
     write_tensors(&path, &good, Some(("4dgs", header.clone()))).unwrap();
     assert_eq!(Scene4d::read(&path, &device()).unwrap().parameters(), good);
 }
 
 #[test]
-fn settings_that_would_do_nothing_are_refused() {
-    let told = |config: &Config| method::check(config).unwrap_err().to_string();
+fn settings_without_effect_are_refused() {
+    let error = |config: &Config| method::check(config).unwrap_err().to_string();
     method::check(&config(&[])).unwrap();
     for (key, words) in [
         ("stages.joint_steps=5", "stages.joint_steps = 5"),
@@ -229,14 +229,14 @@ fn settings_that_would_do_nothing_are_refused() {
         ("densify.threshold=0", "4dgs.time_threshold"),
         ("4dgs.time_orders=9", "4dgs.time_orders = 9"),
     ] {
-        assert!(told(&config(&[key])).contains(words), "{}", told(&config(&[key])));
+        assert!(error(&config(&[key])).contains(words), "{}", error(&config(&[key])));
     }
     let huge = method::start(&config(&["init.points=2000000000"]), &data(), &device());
     let huge = huge.err().map(|e| e.to_string()).unwrap_or_default();
     assert!(huge.contains("init.points = 2000000000") && huge.contains("needs about"), "{huge}");
     let mut ours = config(&[]);
     ours.method = "volseggs".into();
-    assert!(told(&ours).contains("[4dgs]: is of the method 4dgs"), "{}", told(&ours));
+    assert!(error(&ours).contains("[4dgs]: belongs to the method 4dgs"), "{}", error(&ours));
     let none = Config { method: "4dgs".into(), ..Config::default() };
-    assert!(told(&none).contains("section [4dgs]"), "{}", told(&none));
+    assert!(error(&none).contains("section [4dgs]"), "{}", error(&none));
 }

@@ -18,7 +18,7 @@ pub struct InSituNetMethod;
 
 fn settings(config: &Config) -> Result<&InSituNetConfig, String> {
     let settings = config.insitunet.as_ref();
-    settings.ok_or_else(|| format!("method = \"{NAME}\" asks for the section [{NAME}]: begin with --method {NAME}"))
+    settings.ok_or_else(|| format!("method = \"{NAME}\" needs the section [{NAME}]: start with --method {NAME}"))
 }
 
 impl Method for InSituNetMethod {

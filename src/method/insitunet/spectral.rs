@@ -5,11 +5,11 @@
 use burn::tensor::Tensor;
 
 /// Minimum length by which vectors are divided, as in the published code.
-const LEAST: f64 = 1e-4;
+const MIN_LENGTH: f64 = 1e-4;
 
 /// Normalises a vector `[n, 1]` to length 1, or less if it is close to zero.
 fn unit(x: Tensor<2>) -> Tensor<2> {
-    let length = x.clone().square().sum_dim(0).sqrt().clamp_min(LEAST);
+    let length = x.clone().square().sum_dim(0).sqrt().clamp_min(MIN_LENGTH);
     x / length
 }
 

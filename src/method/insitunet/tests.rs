@@ -66,11 +66,11 @@ fn without_weights_of_vgg_pixels_are_compared() {
         (0..3).map(|_| training.step(&data.train).unwrap().loss).collect::<Vec<f64>>()
     };
     assert_eq!(losses(2.0, 0.0), losses(0.0, 2.0));
-    assert_eq!(losses(2.0, 0.5), losses(0.0, 0.5), "what was asked of pixels stays");
+    assert_eq!(losses(2.0, 0.5), losses(0.0, 0.5), "the given weight of pixels is kept");
 }
 
 #[test]
-fn features_of_vgg_lead_to_the_pictures_too() {
+fn training_on_vgg_features_approaches_the_images() {
     let Some(folder) = volseggs_testing::test_data("weights", volseggs_testing::Need::Weights) else { return };
     let mut config = config(60);
     let settings = config.insitunet.as_mut().unwrap();
@@ -87,7 +87,7 @@ fn features_of_vgg_lead_to_the_pictures_too() {
 }
 
 #[test]
-fn the_discriminator_learns_to_tell() {
+fn the_discriminator_learns_to_distinguish() {
     for loss in [AdversarialLoss::Vanilla, AdversarialLoss::Hinge] {
         let mut config = adversarial(3);
         let settings = config.insitunet.as_mut().unwrap();
@@ -102,7 +102,7 @@ fn the_discriminator_learns_to_tell() {
 }
 
 #[test]
-fn settings_and_files_that_cannot_be_are_refused() {
+fn invalid_settings_and_files_are_refused() {
     type Edit = fn(&mut InSituNetConfig);
     let cases: [(Edit, &str); 6] = [
         (|c| c.channels[1] = 0, "insitunet.channels = [12, 0]"),

@@ -31,8 +31,8 @@ use std::time::Instant;
 const CRITIC: &str = "discriminator.";
 
 /// The note printed if features are requested but not available.
-const NO_VGG: &str = "note: insitunet.vgg is not given: pixels are compared, not features of VGG-16; `volseggs lpips --help` \
-                      says where its weights are published and makes the file";
+const NO_VGG: &str = "note: insitunet.vgg is not set: pixels are compared, not features of VGG-16; \
+                      `volseggs lpips --help` says where its weights are published and makes the file";
 
 /// A training in progress.
 #[derive(Debug)]
@@ -229,7 +229,7 @@ fn check_memory(settings: &InSituNetConfig, budget: Budget) -> Result<(), TrainE
     // parameters, gradients and moments; about eight images are kept per block
     let numbers = trained.saturating_add(statistics).saturating_mul(5);
     let images = image_values(settings).saturating_mul(product(&[settings.batch, 8]));
-    let what = format!("insitunet.batch = {} with channels as many", settings.batch);
+    let what = format!("insitunet.batch = {} with this many channels", settings.batch);
     let bytes = numbers.saturating_add(images).saturating_mul(4);
     budget.check(what, bytes).map_err(|e| TrainError::Config(e.to_string()))
 }

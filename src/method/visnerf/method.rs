@@ -17,7 +17,7 @@ pub struct VisNerfMethod;
 
 fn settings(config: &Config) -> Result<&VisNerfConfig, String> {
     let settings = config.visnerf.as_ref();
-    settings.ok_or_else(|| format!("method = \"{NAME}\" asks for the section [{NAME}]: begin with --method {NAME}"))
+    settings.ok_or_else(|| format!("method = \"{NAME}\" needs the section [{NAME}]: start with --method {NAME}"))
 }
 
 /// Number of values in the planes, and of weights in the two networks that a sample passes through.

@@ -104,7 +104,7 @@ impl VisNerfSpec {
             return Err("the box, times and background must be finite, half sides above 0".into());
         }
         if self.knots == 0 || self.resolution.iter().any(|n| *n < 2) {
-            return Err("at least one time, and two nodes along each axis".into());
+            return Err("there must be at least one time, and two nodes along each axis".into());
         }
         Ok(())
     }

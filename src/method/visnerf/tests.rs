@@ -128,7 +128,7 @@ fn the_box_is_cut_into_cubes() {
 }
 
 #[test]
-fn settings_and_files_that_cannot_be_are_refused() {
+fn invalid_settings_and_files_are_refused() {
     type Edit = fn(&mut VisNerfConfig);
     let cases: [(Edit, &str); 5] = [
         (|c| c.features = 0, "visnerf.features = 0: at least 1"),

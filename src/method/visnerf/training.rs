@@ -191,6 +191,6 @@ fn check_memory(spec: &VisNerfSpec, budget: Budget) -> Result<(), TrainError> {
         inputs.saturating_mul(4).saturating_add(2 * (config.density_ranks + config.appearance_ranks) as u128);
     let samples = product(&[config.batch, config.samples_first.max(config.samples_last)]);
     let bytes = samples.saturating_mul(of_sample).saturating_add(held).saturating_mul(4);
-    let what = format!("visnerf.batch = {} with grids and samples as many", config.batch);
+    let what = format!("visnerf.batch = {} with this many grid values and samples", config.batch);
     budget.check(what, bytes).map_err(|e| TrainError::Config(e.to_string()))
 }

@@ -57,20 +57,23 @@ pub enum ConvertError {
         found: Vec<usize>,
     },
     /// The heads were given as the backbone.
-    #[error("{}: holds the heads of LPIPS (`lin0.model.1.weight`) and no `{FIRST}`; give it with --heads", path.display())]
+    #[error(
+        "{}: holds the heads of LPIPS (`lin0.model.1.weight`) but no `{FIRST}`; give it with --heads",
+        path.display()
+    )]
     HeadsAsBackbone {
         /// The file.
         path: PathBuf,
     },
     /// The backbone was given as the heads.
-    #[error("{}: holds a backbone (`{FIRST}`) and no `lin0.model.1.weight`; give it with --backbone", path.display())]
+    #[error("{}: holds a backbone (`{FIRST}`) but no `lin0.model.1.weight`; give it with --backbone", path.display())]
     BackboneAsHeads {
         /// The file.
         path: PathBuf,
     },
     /// The heads belong to the other network.
     #[error(
-        "{}: holds the heads of {found} (`{key}` has shape {shape:?}), and the backbone is {net}; give {net}.pth",
+        "{}: holds the heads of {found} (`{key}` has shape {shape:?}), but the backbone is {net}; give {net}.pth",
         path.display()
     )]
     OtherHeads {

@@ -147,7 +147,7 @@ fn images_of_a_wrong_size() {
 }
 
 #[test]
-fn the_first_kernel_tells_the_net() {
+fn the_first_kernel_identifies_the_net() {
     for (shape, next) in [([64, 3, 11, 11], "net.conv0.bias"), ([64, 3, 3, 3], "net.conv0.bias")] {
         let error = load(&stub(shape)).unwrap_err();
         assert!(matches!(&error, LpipsError::Missing { tensor, .. } if tensor == next), "{error}");

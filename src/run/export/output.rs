@@ -59,7 +59,7 @@ impl Output {
         let whole = std::fs::canonicalize(path);
         let is_it = |other: &&Path| whole.as_ref().is_ok_and(|w| std::fs::canonicalize(other).is_ok_and(|o| o == *w));
         if needed.iter().any(is_it) {
-            let problem = "is read by this command, and would be written over; choose another name with --out";
+            let problem = "is an input of this command and would be overwritten; choose another name with --out";
             return Err(RunError::input(format!("{}: {problem}", path.display())));
         }
         Ok(Self { path: path.to_owned(), extension, folder: None })

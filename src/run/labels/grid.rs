@@ -32,7 +32,7 @@ pub struct LabelGrid {
 pub(super) fn record(run: &OpenRun, data: Option<&Path>) -> Result<Option<PrepareRecord>, RunError> {
     let folder = data.unwrap_or(&run.record.dataset);
     if data.is_some() && !folder.is_dir() {
-        let problem = "there is no such folder to look for prepare.json in";
+        let problem = "there is no such folder; it should hold prepare.json";
         return Err(RunError::input(format!("--data {}: {problem}", folder.display())));
     }
     PrepareRecord::read(folder).map_err(RunError::input)
@@ -54,8 +54,9 @@ pub(super) fn choose(
     let missing = || format!("{} has no prepare.json", data.display());
     if let Some(path) = like {
         let Header { grid: file, mut notes, .. } = formats::open(path).map_err(RunError::input)?.header().clone();
-        let centred =
-            || format!("{}: the volume is taken to be centred, its longest side half as wide as the frame", missing());
+        let centred = || {
+            format!("{}: the volume is assumed to be centred, its longest side half as wide as the frame", missing())
+        };
         let grid = alike(file, record).map_err(|e| RunError::input(format!("--like {}: {e}", path.display())))?;
         notes.extend(record.is_none().then(centred));
         return Ok((grid, notes));
@@ -65,12 +66,12 @@ pub(super) fn choose(
     }
     let Some(dims) = dims else {
         return Err(RunError::input(format!(
-            "{}, so its voxels are not known; name a volume that has them with --like VOLUME, or say how many with \
+            "{}, so its voxels are unknown; name a volume that has them with --like VOLUME, or give their number with \
              --dims X,Y,Z (over the box of the scene)",
             missing()
         )));
     };
-    let assumed = format!("{}: labels fall on the box of the scene; give the volume with --like", missing());
+    let assumed = format!("{}: labels cover the box of the scene; to cover a volume, name it with --like", missing());
     Ok((around(run.scene.spec.centre, run.scene.spec.half_size, dims), vec![assumed]))
 }
 
@@ -85,8 +86,8 @@ fn alike(file: Grid, record: Option<&PrepareRecord>) -> Result<LabelGrid, String
         && (0..3).any(|a| (half[a] - record.half_size[a]).abs() > TOLERANCE * side)
     {
         return Err(format!(
-            "half sides of {half:.4?} in the scene, the dataset was prepared from a volume of {:.4?}; give one of the \
-             same proportions",
+            "half sides of {half:.4?} in the scene, but the dataset was prepared from a volume with {:.4?}; give one \
+             of the same proportions",
             record.half_size
         ));
     }

@@ -110,8 +110,9 @@ fn check_memory(grid: &LabelGrid, like: Option<&Path>) -> Result<(), RunError> {
 fn listed(names: &[String], all: &Segmentation) -> Result<Vec<NamedLabel>, RunError> {
     let mut listed = Vec::with_capacity(names.len());
     for (i, name) in names.iter().enumerate() {
-        let value = u16::try_from(i + 1)
-            .map_err(|_| RunError::input(format!("{} segments, at most 65535 fit a volume; name some", names.len())))?;
+        let value = u16::try_from(i + 1).map_err(|_| {
+            RunError::input(format!("{} segments, but a volume holds at most 65535; name some", names.len()))
+        })?;
         let colour = all.get(name).map_err(RunError::input)?.colour.map(|c| c.clamp(0.0, 1.0));
         listed.push(NamedLabel { value, name: name.clone(), colour });
     }

@@ -70,8 +70,8 @@ impl Truth {
         {
             if !grid.is_source {
                 return Err(RunError::input(format!(
-                    "--truth {name}: a synthetic scene is known on the voxels that the dataset was prepared from; leave \
-                     out --dims and --like, and point to the dataset with --data if it was moved"
+                    "--truth {name}: a synthetic scene is known only on the voxels that the dataset was prepared from; \
+                     omit --dims and --like, and name the dataset with --data if it was moved"
                 )));
             }
             return Ok(Self::Synthetic(scene, grid.file.dims));
@@ -81,7 +81,7 @@ impl Truth {
         let series = Series::open(inputs, &options).map_err(RunError::input)?;
         if series.grid().dims != grid.file.dims {
             return Err(RunError::input(format!(
-                "--truth: {} has {:?} voxels, the labels {:?}; pass --like with one of the files of the truth",
+                "--truth: {} has {:?} voxels, but the labels have {:?}; pass --like with one of the files of the truth",
                 series.name(0),
                 series.grid().dims,
                 grid.file.dims
@@ -99,8 +99,8 @@ impl Truth {
         }
         if let Some(steps) = steps.filter(|steps| series.len() > 1 && series.len() != *steps) {
             return Err(RunError::input(format!(
-                "--truth {}: {} steps, and {} was prepared from {steps}, so nothing says at which times they are; give a \
-                 label volume for each step, or one alone with --time",
+                "--truth {}: {} steps, but {} was prepared from {steps}, so their times are unknown; give a label \
+                 volume for each step, or a single one with --time",
                 inputs.join(" "),
                 series.len(),
                 data.display()
@@ -220,7 +220,7 @@ mod tests {
         let open_at =
             |inputs: &[String], times: &[f64]| Truth::open(inputs, &grid, root, times).map_err(|e| e.to_string());
         let open = |inputs: &[String]| open_at(inputs, &[0.0]);
-        assert!(open(&inputs).is_ok_and(|truth| truth.notes().len() == 1), "a gap, and not known of how many steps");
+        assert!(open(&inputs).is_ok_and(|truth| truth.notes().len() == 1), "a gap, and an unknown number of steps");
         prepare(100);
         let Err(error) = open(&inputs) else { panic!("three steps of a hundred") };
         for words in ["--truth", "3 steps", &root.display().to_string(), "from 100", "--time"] {

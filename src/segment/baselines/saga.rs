@@ -74,7 +74,7 @@ impl Default for SagaOptions {
 #[derive(Debug, thiserror::Error)]
 pub enum SagaError {
     /// No view has a mask that covers a pixel.
-    #[error("no mask covers any pixel of any view: make masks first, or from other views")]
+    #[error("no mask covers any pixel of any view: make masks first, or make them from other views")]
     NoMasks,
     /// The loss is not finite.
     #[error("step {step}: the loss is {loss}; lower the learning rate")]

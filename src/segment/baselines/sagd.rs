@@ -80,7 +80,7 @@ pub struct SagdSegment {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SagdError {
     /// No such Gaussian.
-    #[error("Gaussian {clicked} was clicked, but there are {count}, from 0")]
+    #[error("Gaussian {clicked} was clicked, but there are only {count}, numbered from 0")]
     Clicked {
         /// Index that was clicked.
         clicked: u32,

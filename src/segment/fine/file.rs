@@ -42,7 +42,7 @@ pub fn load(path: &Path, device: &Device) -> Result<(AffinityField, AffinitySpec
     refuse_not_finite(path, &tensors)?;
     let format = |reason: String| SceneError::Format { path: path.into(), reason };
     let text =
-        header.get(ENTRY).ok_or_else(|| format(format!("no `{ENTRY}` entry in its header: no affinity field")))?;
+        header.get(ENTRY).ok_or_else(|| format(format!("no `{ENTRY}` entry in its header: not an affinity field")))?;
     let spec = serde_json::from_str(text).map_err(|e| format(format!("header: {e}")))?;
     let field = params::load(AffinityField::new(0, device), &tensors)
         .map_err(|source| SceneError::Fit { path: path.into(), source })?;

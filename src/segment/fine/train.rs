@@ -84,7 +84,7 @@ impl Default for FineOptions {
 #[derive(Debug, thiserror::Error)]
 pub enum FineError {
     /// No view has a mask that covers a pixel.
-    #[error("no mask covers any pixel of any view: make masks first, or from other views")]
+    #[error("no mask covers any pixel of any view: make masks first, or make them from other views")]
     NoMasks,
     /// A number is not finite.
     #[error("step {step}: {what} is not finite; lower the learning rate")]

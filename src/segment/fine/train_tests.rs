@@ -105,7 +105,7 @@ impl<'a> Exact<'a> {
 }
 
 #[test]
-fn the_gradient_by_every_parameter_is_a_difference_quotient() {
+fn gradients_of_all_parameters_match_difference_quotients() {
     let balls = Balls { count: 2, ..APART };
     let at = balls.gaussians();
     let view = &balls.prepared(&at)[1];
@@ -147,7 +147,7 @@ fn gradient(view: &FineView, options: &FineOptions) {
 }
 
 #[test]
-fn by_its_own_scale_each_gaussian_is_asked_at_that_of_the_mask_it_gives_most_to() {
+fn own_scales_are_those_of_the_mask_each_gaussian_contributes_most_to() {
     let at = APART.gaussians();
     let views = APART.prepared(&at);
     let options = FineOptions { mask_scale: MaskScale::Own, pixels: 300, ..FineOptions::default() };
@@ -239,7 +239,7 @@ fn a_click_selects_its_ball_at_a_small_scale_and_both_at_the_largest() {
 }
 
 #[test]
-fn a_small_scale_parts_touching_balls_that_a_large_one_joins() {
+fn a_small_scale_separates_touching_balls_that_a_large_one_joins() {
     let trained = Trained::on(TOUCHING);
     let Trained { at, frame, field, .. } = &trained;
     for ball in 0..2 {

@@ -4,9 +4,9 @@ use super::mask::Mask;
 use crate::segment::pictures::Picture;
 
 /// Alpha below which nothing can be seen, whatever else the picture shows: two steps of 8 bits.
-const FLOOR: f64 = 2.0 / 255.0;
+const MIN_ALPHA: f64 = 2.0 / 255.0;
 /// Fraction of the group's typical alpha below which a pixel, or the mean of a mask, is background.
-const PART: f64 = 0.25;
+const BACKGROUND_SHARE: f64 = 0.25;
 
 /// Returns the alpha below which a pixel, or a mask by its mean, is background in a picture of a group alone.
 ///
@@ -26,7 +26,7 @@ pub fn background_below(picture: &Picture) -> f64 {
         squares += alpha * alpha;
     }
     let typical = if sum > 0.0 { squares / sum } else { 0.0 };
-    (PART * typical).max(FLOOR)
+    (BACKGROUND_SHARE * typical).max(MIN_ALPHA)
 }
 
 /// Mean alpha of the picture in a mask of its size; 0 for an empty one.
@@ -84,11 +84,11 @@ mod tests {
     }
 
     #[test]
-    fn nothing_and_poison_are_background() {
+    fn empty_and_non_finite_pictures_are_background() {
         let empty = picture(0.0, 0.0);
         assert!(!kept(&empty, &columns(0, 40)));
         let faint = picture(0.004, 0.004);
-        assert!(!kept(&faint, &columns(16, 24)), "nobody sees an alpha of one step");
+        assert!(!kept(&faint, &columns(16, 24)), "an alpha of one step is invisible");
         let good = picture(0.8, 0.0);
         assert!(!kept(&good, &Mask::empty(40, 24).unwrap()));
         let mut bad = good.clone();

@@ -99,7 +99,7 @@ impl CocoFile {
         let mut entries: Vec<_> = images.iter().map(|_| Vec::new()).collect();
         for (index, entry) in annotations.into_iter().enumerate() {
             let Some(&place) = places.get(&entry.image_id) else {
-                let problem = format!("{} is not among the ids of images", entry.image_id);
+                let problem = format!("{} is not among the ids of `images`", entry.image_id);
                 return Err(StoreError::field(path, format!("annotations[{index}].image_id"), problem));
             };
             entries[place].push((index, entry));
@@ -120,7 +120,7 @@ impl CocoFile {
     /// that are wrong and scores that are not finite.
     pub fn masks(&self, image: usize) -> Result<Vec<ForeignMask>, StoreError> {
         let (Some(info), Some(entries)) = (self.images.get(image), self.entries.get(image)) else {
-            let problem = format!("image {image} was asked for and {} are listed", self.images.len());
+            let problem = format!("image {image} was requested, but only {} are listed", self.images.len());
             return Err(StoreError::field(&self.path, "images", problem));
         };
         entries.iter().map(|(index, entry)| self.unpack(*index, entry, info)).collect()
@@ -137,7 +137,7 @@ impl CocoFile {
             Shape::Plain { size, counts } => (*size, counts.clone()),
             Shape::Polygons(_) => {
                 let problem =
-                    "holds polygons, which are not read; convert them to run lengths first (pycocotools: annToRLE)";
+                    "holds polygons, which are not supported; convert them to run lengths (pycocotools: annToRLE)";
                 return Err(fail("segmentation", problem.to_owned()));
             }
             Shape::Other(_) => {
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_file_is_an_error() {
+    fn a_folder_is_an_error() {
         let folder = tempfile::tempdir().unwrap();
         let message = CocoFile::open(folder.path()).unwrap_err().to_string();
         assert!(message.contains("is a folder"), "{message}");

@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn near_copies_go_and_the_best_stays() {
+    fn near_duplicates_are_removed_and_the_best_stays() {
         let masks = [draw("####/####"), draw("###./####"), draw("##../##.."), draw("..../...#")];
         assert_eq!(suppress(&masks, &[0.5, 0.9, 0.1, 0.2], 0.8).unwrap(), [1, 2, 3]);
         assert_eq!(suppress(&masks, &[0.5, f32::NAN, 0.1], 0.8).unwrap(), [0, 2, 3]);
@@ -156,7 +156,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn most_of_nine_win_and_what_is_closed_in_is_filled(set in proptest::collection::vec(any::<bool>(), 63)) {
+        fn majority_and_hole_filling_match_brute_force(set in proptest::collection::vec(any::<bool>(), 63)) {
             let smooth = majority_rows(9, 7, &set);
             for y in 0..7_i32 {
                 for x in 0..9_i32 {

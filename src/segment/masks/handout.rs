@@ -12,7 +12,7 @@ use std::path::Path;
 use thiserror::Error;
 
 /// Largest side of a picture, pixels.
-const LARGEST: u32 = 16_384;
+const MAX_SIDE: u32 = 16_384;
 /// Name of the list in the folder of the pictures.
 pub const FILE: &str = "pictures.json";
 
@@ -71,7 +71,7 @@ pub fn write_pictures(
             let bytes = rgba.chunks_exact(4).flat_map(|p| &p[..3]).map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8);
             let (w, h) = (shot.camera.width, shot.camera.height);
             let image = RgbImage::from_raw(w, h, bytes.collect())
-                .ok_or_else(|| StoreError::field(&path, "pixels", "are not as many as the camera has"))?;
+                .ok_or_else(|| StoreError::field(&path, "pixels", "their number differs from the camera's"))?;
             let mut png = Cursor::new(Vec::new());
             image.write_to(&mut png, ImageFormat::Png).map_err(|e| StoreError::field(&path, "PNG", e))?;
             std::fs::write(&path, png.into_inner()).map_err(StoreError::io(&path))?;
@@ -102,7 +102,7 @@ impl Handout {
         }
         for (i, Shot { camera, .. }) in list.views.iter().enumerate() {
             if !fits(camera) {
-                let problem = "is none that pictures were drawn from; write them again with --pictures";
+                let problem = "is not a valid camera; write the pictures again with --pictures";
                 return Err(StoreError::field(&path, format!("views[{i}].camera"), problem));
             }
         }
@@ -112,7 +112,7 @@ impl Handout {
 
 /// Whether pictures can be drawn from a camera.
 fn fits(camera: &Camera) -> bool {
-    let side = |n: u32| (1..=LARGEST).contains(&n);
+    let side = |n: u32| (1..=MAX_SIDE).contains(&n);
     let finite = [camera.fx, camera.fy, camera.cx, camera.cy].iter().all(|v| v.is_finite());
     side(camera.width) && side(camera.height) && finite && camera.fx > 0.0 && camera.camera_to_world.is_finite()
 }
@@ -123,7 +123,7 @@ mod tests {
     use glam::DVec3;
 
     #[test]
-    fn a_list_that_no_picture_can_be_of_is_refused() {
+    fn a_list_with_an_invalid_camera_or_time_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let camera = Camera::look_at(DVec3::X, DVec3::ZERO, DVec3::Z, 0.5, 8, 6);
         let good = Handout {

@@ -17,7 +17,7 @@ use thiserror::Error;
 
 /// A group is in front where more than this fraction of the whole scene's colour comes from it, and where it is not
 /// background when drawn alone.
-const MOST: f32 = 0.5;
+const MIN_FRONT_SHARE: f32 = 0.5;
 
 /// A view to draw.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -65,10 +65,10 @@ pub enum MakeError {
         problem: String,
     },
     /// Nothing to draw.
-    #[error("there are no views to make masks of")]
+    #[error("there are no views to make masks from")]
     NoViews,
     /// A group with a Gaussian that the scene does not have.
-    #[error("group {name}: Gaussian {gaussian} where the scene has {count}")]
+    #[error("group {name}: Gaussian {gaussian} is listed, but the scene has only {count}")]
     Member {
         /// The group.
         name: String,
@@ -84,7 +84,7 @@ pub enum MakeError {
     #[error(transparent)]
     Store(#[from] StoreError),
     /// `progress` asked to stop.
-    #[error("stopped; the masks of before, if any, are as they were")]
+    #[error("stopped; any existing masks are unchanged")]
     Stopped,
 }
 
@@ -99,11 +99,14 @@ impl MaskJob<'_> {
         for Shot { file, camera: c } in self.shots {
             let fail = |problem: String| Err(MakeError::Camera { file: file.clone(), problem });
             if (c.width, c.height) != (first.width, first.height) {
-                return fail(format!("{}x{} where the first is {}x{}", c.width, c.height, first.width, first.height));
+                return fail(format!(
+                    "{}x{} pixels, but the first view has {}x{}",
+                    c.width, c.height, first.width, first.height
+                ));
             }
             let off = (c.cx - 0.5 * f64::from(c.width)).abs().max((c.cy - 0.5 * f64::from(c.height)).abs());
             if off > 0.01 || (c.fx - c.fy).abs() > 1e-4 * c.fx {
-                return fail("only square pixels and a principal point in the middle fit a mask file".to_owned());
+                return fail("a mask file needs square pixels and a centred principal point".to_owned());
             }
         }
         let count = self.at.len();
@@ -130,7 +133,7 @@ impl MaskJob<'_> {
     fn front(&self, members: &[u32], picture: &Picture, camera: &Camera) -> Vec<bool> {
         let share = share(self.at, members, self.rendering.seen_by(camera.to_kernel()), self.device);
         let below = background_below(picture) as f32;
-        share.iter().zip(picture.rgba.chunks_exact(4)).map(|(s, p)| *s > MOST && p[3] > below).collect()
+        share.iter().zip(picture.rgba.chunks_exact(4)).map(|(s, p)| *s > MIN_FRONT_SHARE && p[3] > below).collect()
     }
 }
 
@@ -149,7 +152,7 @@ pub fn make_masks(
 ) -> Result<u64, MakeError> {
     let size = job.check()?;
     let mut writer = MaskWriter::create(path, job.header(size, source))?;
-    let batch = source.side_by_side().max(1);
+    let batch = source.batch_size().max(1);
     for (group, Group { members, .. }) in job.groups.iter().enumerate() {
         let alone = job.at.subset(members);
         // pictures one after the other (each uses all threads), then their masks in parallel, a few at a time

@@ -44,7 +44,7 @@ impl MaskSource for Fronts {
         self.front
     }
 
-    fn side_by_side(&self) -> usize {
+    fn batch_size(&self) -> usize {
         self.batch
     }
 }
@@ -75,7 +75,7 @@ fn make(groups: &[Group], shots: &[Shot], source: &Fronts, path: &Path, stop_at:
 }
 
 #[test]
-fn what_is_hidden_is_not_in_front() {
+fn hidden_groups_are_not_in_front() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("masks.jsonl");
     let groups = [group("near", &[0]), group("far", &[2]), group("all", &[0, 1, 2])];
@@ -111,7 +111,7 @@ fn the_same_bytes_on_any_thread_count_and_batch() {
 }
 
 #[test]
-fn stopped_or_refused_the_old_file_stays() {
+fn the_old_file_stays_when_stopped_or_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("masks.jsonl");
     std::fs::write(&path, "old").unwrap();
@@ -123,7 +123,7 @@ fn stopped_or_refused_the_old_file_stays() {
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "old");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     };
-    fails(&good, &shots(), 3, "as they were");
+    fails(&good, &shots(), 3, "are unchanged");
     fails(&good, &[], usize::MAX, "no views");
     fails(&[group("a", &[3])], &shots(), usize::MAX, "Gaussian 3");
     let mut odd = shots();

@@ -33,7 +33,7 @@ pub enum MaskError {
         height: u32,
     },
     /// The runs do not cover the image exactly.
-    #[error("mask counts sum to {sum} pixels where the size {width}x{height} asks for {expected}")]
+    #[error("mask counts sum to {sum} pixels, but the size {width}x{height} needs {expected}")]
     CountsSum {
         /// Width in pixels.
         width: u32,
@@ -45,7 +45,7 @@ pub enum MaskError {
         expected: u64,
     },
     /// A row-major buffer of the wrong length.
-    #[error("mask buffer holds {found} pixels where the size {width}x{height} asks for {expected}")]
+    #[error("mask buffer holds {found} pixels, but the size {width}x{height} needs {expected}")]
     BufferLength {
         /// Width in pixels.
         width: u32,

@@ -45,7 +45,8 @@ impl PngFolder {
         let mut places = HashMap::with_capacity(views.len());
         for (index, view) in views.iter().enumerate() {
             if places.insert(stem(Path::new(view)), index).is_some() {
-                let problem = format!("two views are named {:?}; masks cannot be told apart", stem(Path::new(view)));
+                let problem =
+                    format!("two views are named {:?}; their masks cannot be distinguished", stem(Path::new(view)));
                 return Err(StoreError::field(folder, format!("views[{index}]"), problem));
             }
         }
@@ -62,8 +63,9 @@ impl PngFolder {
             let name = stem(&path);
             let numbered =
                 name.rsplit_once('_').and_then(|(view, number)| Some((*places.get(view)?, number.parse().ok()?)));
-            let both =
-                |path: &Path| StoreError::field(path, "file name", "its view has masks of this name and kind already");
+            let both = |path: &Path| {
+                StoreError::field(path, "file name", "its view already has a mask of this name or of the other kind")
+            };
             match (places.get(name.as_str()), numbered) {
                 (Some(&view), _) => match &found[view] {
                     Files::Absent => found[view] = Files::Labels(path),
@@ -79,7 +81,7 @@ impl PngFolder {
                     Files::Labels(_) => return Err(both(&path)),
                 },
                 (None, None) => {
-                    let problem = "fits no view; name masks NAME_NUMBER.png, or NAME.png for a label image, NAME being the view's";
+                    let problem = "fits no view; name masks VIEW_NUMBER.png, or VIEW.png for a label image";
                     return Err(StoreError::field(&path, "file name", problem));
                 }
             }
@@ -100,7 +102,7 @@ impl PngFolder {
     /// [`StoreError::Io`]; [`StoreError::Field`] for files that are not grey PNGs or not of the views' size.
     pub fn masks(&self, view: usize) -> Result<Vec<ForeignMask>, StoreError> {
         let Some(files) = self.views.get(view) else {
-            let problem = format!("view {view} was asked for and there are {}", self.views.len());
+            let problem = format!("view {view} was requested, but there are only {}", self.views.len());
             return Err(StoreError::field(&self.folder, "views", problem));
         };
         let mut masks = Vec::new();
@@ -143,14 +145,14 @@ impl PngFolder {
         let (found_width, found_height) = decoder.dimensions();
         if (found_width, found_height) != (self.width, self.height) {
             let (width, height) = (self.width, self.height);
-            let problem = format!("the mask is {found_width}x{found_height} where the image is {width}x{height}");
+            let problem = format!("the mask is {found_width}x{found_height}, but the image is {width}x{height}");
             return Err(StoreError::field(path, "size", problem));
         }
         match DynamicImage::from_decoder(decoder).map_err(wrong)? {
             DynamicImage::ImageLuma8(grey) => Ok(grey.into_raw().into_iter().map(u16::from).collect()),
             DynamicImage::ImageLuma16(grey) => Ok(grey.into_raw()),
             other => {
-                let problem = format!("is {:?}; masks must be grey of 8 or 16 bits, with no alpha", other.color());
+                let problem = format!("is {:?}; masks must be 8-bit or 16-bit grey, without alpha", other.color());
                 Err(StoreError::field(path, "pixels", problem))
             }
         }

@@ -64,7 +64,7 @@ impl MaskReader {
                 let OnlyView { image_id } =
                     serde_json::from_slice(&line).map_err(|e| StoreError::field(path, format!("line {number}"), e))?;
                 let Some(view) = places.get_mut(image_id as usize) else {
-                    let problem = format!("is {image_id} where the header lists {} views", header.views.len());
+                    let problem = format!("is {image_id}, but the header lists {} views", header.views.len());
                     return Err(StoreError::field(path, format!("line {number}, image_id"), problem));
                 };
                 view.push(Place { offset, length, number });
@@ -104,7 +104,7 @@ impl MaskReader {
     /// [`StoreError::Field`] for a view that is not listed and for lines that are wrong; [`StoreError::Io`].
     pub fn view(&self, view: usize) -> Result<Vec<Annotation>, StoreError> {
         let Some(places) = self.places.get(view) else {
-            let problem = format!("view {view} was asked for and the header lists {}", self.header.views.len());
+            let problem = format!("view {view} was requested, but the header lists {}", self.header.views.len());
             return Err(StoreError::field(&self.path, "header, views", problem));
         };
         let mut line = Vec::new();
@@ -131,11 +131,11 @@ impl MaskReader {
         let mask = mask_of_size(line.segmentation.size, counts, header.width, header.height)
             .map_err(|e| segmentation(e.to_string()))?;
         if mask.area() != line.area {
-            let problem = format!("is {} where the mask has {} pixels", line.area, mask.area());
+            let problem = format!("is {}, but the mask has {} pixels", line.area, mask.area());
             return Err(StoreError::field(path, format!("{entry}, area"), problem));
         }
         if mask.bbox() != line.bbox {
-            let problem = format!("is {:?} where the mask's box is {:?}", line.bbox, mask.bbox());
+            let problem = format!("is {:?}, but the mask's box is {:?}", line.bbox, mask.bbox());
             return Err(StoreError::field(path, format!("{entry}, bbox"), problem));
         }
         Ok(Annotation {
@@ -194,7 +194,7 @@ mod tests {
         for (view, pixel) in [(2, 1), (0, 2), (2, 3)] {
             writer.write(&annotation(view, pixel)).unwrap();
         }
-        assert!(!path.exists(), "the name appears on finish only");
+        assert!(!path.exists(), "the file appears only on finish");
         assert_eq!(writer.finish().unwrap(), 3);
         let reader = MaskReader::open(&path).unwrap();
         assert_eq!(reader.header(), &header());
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn the_writer_takes_no_wrong_annotation() {
+    fn the_writer_refuses_wrong_annotations() {
         let folder = tempfile::tempdir().unwrap();
         let mut writer = MaskWriter::create(&folder.path().join("m"), header()).unwrap();
         let good = annotation(0, 0);

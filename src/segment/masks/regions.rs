@@ -32,7 +32,7 @@ pub struct RegionImage {
 #[derive(Debug, Error, Clone, PartialEq, Eq)]
 pub enum RegionError {
     /// A buffer does not fit the size.
-    #[error("{what} holds {found} values where the image of {width}x{height} pixels asks for {expected}")]
+    #[error("{what} holds {found} values, but an image of {width}x{height} pixels needs {expected}")]
     Length {
         /// Which buffer.
         what: &'static str,
@@ -131,7 +131,7 @@ const GAP_REACH: f32 = 12.0;
 const GAP_HEIGHT: f32 = 0.05;
 /// Minimum thickness, in pixels across a strip, of a region inside a piece that makes a mask: an edge itself is about
 /// as wide.
-const THINNEST: f32 = 3.0;
+const MIN_THICKNESS: f32 = 3.0;
 /// Number of steps of the relief, and the jump of the last one.
 const STEPS: usize = 200;
 const TOP: f32 = 0.5;
@@ -146,7 +146,7 @@ pub fn find_regions(image: &RegionImage, options: &RegionOptions) -> Result<Vec<
     let relief = jumps(&window, &channels(image, &window, origin), FINE, COARSE);
     let (labels, count) = basins(&window, &close_gaps(&window, &relief, GAP_EDGE, GAP_REACH, GAP_HEIGHT), TOP, STEPS);
     let min_area = (options.min_area * (image.width * image.height) as f32 / 160_000.0).max(1.0);
-    let full = Full { area: min_area, thickness: 2.0 * THINNEST };
+    let full = Full { area: min_area, thickness: 2.0 * MIN_THICKNESS };
     let nodes = tree(&window, &labels, count, &relief, full);
     let chosen = choose(&nodes, options, min_area);
     let (range, place) = ranges(&nodes, count);
@@ -195,7 +195,7 @@ fn check(options: &RegionOptions) -> Result<(), RegionError> {
     ];
     for (name, value) in fractions {
         if !(0.0..=1.0).contains(&value) {
-            return Err(RegionError::Option { name, value: value.to_string(), range: "in 0 to 1" });
+            return Err(RegionError::Option { name, value: value.to_string(), range: "between 0 and 1" });
         }
     }
     if !(options.min_area >= 0.0 && options.min_area.is_finite()) {
@@ -275,7 +275,7 @@ fn choose(nodes: &[Node], options: &RegionOptions, min_area: f32) -> Vec<u32> {
         node.area as f32 >= min_area
             && node.parent.is_none_or(|parent| {
                 let outer = nodes[parent as usize].born;
-                node.thickness() >= THINNEST
+                node.thickness() >= MIN_THICKNESS
                     && outer >= options.contrast
                     && outer - node.born >= options.persistence * outer
             })

@@ -22,7 +22,7 @@ pub enum RleError {
         byte: u8,
     },
     /// The string ends within a number.
-    #[error("RLE counts: the string ends within a number; it is cut off")]
+    #[error("RLE counts: the string is cut off within a number")]
     Truncated,
     /// A number of too many characters.
     #[error("RLE counts: the number ending at position {position} is longer than {MAX_GROUPS} characters")]
@@ -31,7 +31,7 @@ pub enum RleError {
         position: usize,
     },
     /// A count below zero or past `u32`.
-    #[error("RLE counts: count {index} comes out as {value}, outside 0 to 2^32 - 1")]
+    #[error("RLE counts: count {index} decodes to {value}, outside 0 to 2^32 - 1")]
     OutOfRange {
         /// Which count.
         index: usize,

@@ -85,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn masks_are_seen_and_the_rest_is_left() {
+    fn masks_are_overlaid_and_other_pixels_are_unchanged() {
         let image = [10, 20, 30, 255].repeat(25);
         let rows: Vec<bool> = (0..25).map(|pixel| pixel % 5 < 3).collect();
         let mask = Mask::from_rows(5, 5, &rows).unwrap();

@@ -65,7 +65,7 @@ pub trait MaskSource: Sync {
     }
 
     /// The best number of views to query at once; 1 for a source that uses all threads itself.
-    fn side_by_side(&self) -> usize {
+    fn batch_size(&self) -> usize {
         8
     }
 }

@@ -166,7 +166,8 @@ pub(super) enum SegmentationError {
     #[error(transparent)]
     Mask(#[from] MaskError),
     #[error(
-        "the mask is {found_width}x{found_height} where the image is {width}x{height}; make masks at the image's own size"
+        "the mask is {found_width}x{found_height}, but the image is {width}x{height}; \
+         make masks at the image's own size"
     )]
     Size { found_width: u32, found_height: u32, width: u32, height: u32 },
 }
@@ -207,7 +208,7 @@ impl MaskWriter {
         let mut writer = Self { path: path.to_owned(), out, header, written: 0 };
         let line = serde_json::to_string(&writer.header).map_err(|e| StoreError::field(path, "header", e))?;
         if line.len() as u64 + 1 >= LONGEST_LINE {
-            let problem = format!("lists {} views, which is more than a mask file holds", writer.header.views.len());
+            let problem = format!("lists {} views, more than a mask file can hold", writer.header.views.len());
             return Err(StoreError::field(path, "header, views", problem));
         }
         writer.put(&line)?;
@@ -259,17 +260,17 @@ impl MaskWriter {
 pub(super) fn check_header(path: &Path, header: &Header) -> Result<(), StoreError> {
     let fail = |field: &str, problem: String| Err(StoreError::field(path, format!("header, {field}"), problem));
     if header.format != FORMAT {
-        return fail("format", format!("is {:?} where {FORMAT:?} is expected; this is not a mask file", header.format));
+        return fail("format", format!("is {:?}, but {FORMAT:?} is expected; this is not a mask file", header.format));
     }
     if header.version != VERSION {
-        return fail("version", format!("is {} where this program reads {VERSION}", header.version));
+        return fail("version", format!("is {}, but this program reads {VERSION}", header.version));
     }
     if header.width == 0 || header.height == 0 || header.width.checked_mul(header.height).is_none() {
-        return fail("width, height", format!("{}x{} is no image size", header.width, header.height));
+        return fail("width, height", format!("{}x{} is not a valid image size", header.width, header.height));
     }
     let (members, segments) = (header.members.len(), header.segments.len());
     if members > 0 && members != segments {
-        return fail("members", format!("are of {members} segments where the header lists {segments}"));
+        return fail("members", format!("has {members} entries, but the header lists {segments} segments"));
     }
     if !header.time.is_finite() {
         return fail("time", "is not a finite number".to_owned());
@@ -299,10 +300,10 @@ pub(super) fn check_line(path: &Path, entry: &str, line: &Line, header: &Header)
     let fail = |field: &str, problem: String| Err(StoreError::field(path, format!("{entry}, {field}"), problem));
     let (views, segments) = (header.views.len(), header.segments.len());
     if line.image_id as usize >= views {
-        return fail("image_id", format!("is {} where the header lists {views} views", line.image_id));
+        return fail("image_id", format!("is {}, but the header lists {views} views", line.image_id));
     }
     if line.segment as usize >= segments {
-        return fail("segment", format!("is {} where the header lists {segments} segments", line.segment));
+        return fail("segment", format!("is {}, but the header lists {segments} segments", line.segment));
     }
     if line.segmentation.size != [header.height, header.width] {
         let [found_height, found_width] = line.segmentation.size;

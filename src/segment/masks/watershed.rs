@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn components_stay_apart_and_poison_is_a_value() {
+    fn components_stay_apart_and_non_finite_values_are_accepted() {
         let inside = vec![true, true, false, true, true];
         let window = Window { width: 5, height: 1, inside };
         let (labels, count) = basins(&window, &[f32::NAN, 0.1, 0.0, f32::INFINITY, -1.0], 1.0, 8);

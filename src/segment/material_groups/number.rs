@@ -9,7 +9,7 @@ use crate::points::kmeans::{KMeansConfig, kmeans};
 const HALVING: f32 = 0.2;
 
 /// Minimum weight of a half, as a fraction of an even share of all weight: a few outliers are not a half.
-const FEWEST: f64 = 0.1;
+const MIN_HALF: f64 = 0.1;
 
 /// Joins the two groups that cost least to join (Ward's criterion), or halves the group of largest scatter by k-means,
 /// until there are `wanted`; stops with fewer if none can be halved.
@@ -41,17 +41,18 @@ pub(super) fn exactly(
     }
     let even = weights.iter().map(|w| f64::from(*w)).sum::<f64>() / wanted as f64;
     // if that is not enough, outliers may form a half too
-    for least in [FEWEST * even, 0.0] {
-        halve(&mut parts, wanted, least, smooth, weights, uniform)?;
+    for min_weight in [MIN_HALF * even, 0.0] {
+        halve(&mut parts, wanted, min_weight, smooth, weights, uniform)?;
     }
     Ok(parts)
 }
 
-/// Halves the group of largest scatter until there are `wanted`, or no group has two halves of weight `least` or more.
+/// Halves the group of largest scatter until there are `wanted`, or no group has two halves of weight `min_weight` or
+/// more.
 fn halve(
     parts: &mut Vec<Members>,
     wanted: usize,
-    least: f64,
+    min_weight: f64,
     smooth: &Smooth,
     weights: &[f32],
     uniform: &mut impl FnMut() -> f32,
@@ -74,7 +75,7 @@ fn halve(
             light: parts[k].light.max(HALVING),
         };
         let (first, second) = (of(1), of(2));
-        if second.rows.is_empty() || mass(&second, weights) < least {
+        if second.rows.is_empty() || mass(&second, weights) < min_weight {
             scatters[k] = Some(0.0);
             continue;
         }

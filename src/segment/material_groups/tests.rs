@@ -107,7 +107,7 @@ fn a_shell_a_body_and_a_core_are_three_materials_in_any_light() {
 }
 
 #[test]
-fn one_hue_is_parted_where_pale_and_deep_are_far_apart_and_greys_by_lightness() {
+fn one_hue_is_split_into_distant_pale_and_deep_colours_and_greys_by_lightness() {
     let body = |base, x: f32, count| Body { base, centre: [x, 0.0, 0.0], radius: 0.4, opacity: 0.5, count };
     let (g, truth) = cloud(&[body([0.65, 0.8, 0.95], -1.0, 900), body([0.1, 0.25, 0.85], 1.0, 500)], &PLAIN, 2);
     let found = coarse(&g, None, &CoarseOptions::default()).unwrap();
@@ -125,7 +125,7 @@ fn one_hue_is_parted_where_pale_and_deep_are_far_apart_and_greys_by_lightness() 
 }
 
 #[test]
-fn as_many_groups_as_asked_for_the_same_twice() {
+fn the_requested_number_of_groups_is_made_reproducibly() {
     let (g, truth) = cloud(&nested(), &PLAIN, 5);
     for clusters in [1, 2, 3, 5, 12] {
         let options = CoarseOptions { clusters: Some(clusters), ..CoarseOptions::default() };
@@ -152,7 +152,7 @@ fn threads_change_nothing() {
 }
 
 #[test]
-fn black_poison_and_a_single_gaussian_are_taken() {
+fn black_non_finite_and_single_gaussians_are_accepted() {
     let body = Body { base: [0.0; 3], centre: [0.0; 3], radius: 0.5, opacity: 0.5, count: 60 };
     let (black, _) = cloud(&[body], &Light { specular: 0.0, noise: 0.0, ..PLAIN }, 7);
     let found = coarse(&black, None, &CoarseOptions::default()).unwrap();
@@ -188,7 +188,7 @@ fn gaussians_of_another_time_join_the_material_of_their_colour() {
 }
 
 #[test]
-fn a_material_that_nothing_shows_at_this_time_is_found_by_those_of_another() {
+fn a_material_invisible_at_this_time_is_found_from_another_time() {
     let (mut g, truth) = cloud(&nested(), &PLAIN, 10);
     let core = |i: usize| i >= 2500 + 1200;
     (0..g.len()).filter(|&i| core(i)).for_each(|i| g.opacity_logits[i] = -9.0);
@@ -202,7 +202,7 @@ fn a_material_that_nothing_shows_at_this_time_is_found_by_those_of_another() {
     let all = (0..g.len()).filter(|&i| core(i) && truth[i] == 3).count();
     assert!(right * 10 > all * 9, "{right} of {all}");
     assert_eq!(of(None, None).palette.len(), 2);
-    assert_eq!(of(Some(&later), Some(2)).palette.len(), 2, "as many as asked for");
+    assert_eq!(of(Some(&later), Some(2)).palette.len(), 2, "the requested number");
     // too few and too faint Gaussians are outliers
     let faint: Vec<f32> = later.iter().enumerate().map(|(i, o)| if i % 20 == 0 { 0.05 * o } else { 0.0 }).collect();
     assert_eq!(of(Some(&faint), None).palette.len(), 2);

@@ -109,7 +109,7 @@ pub(in crate::segment) fn write(path: &Path, all: &Segmentation, steps: &Steps) 
         // members of a current segment are found there
         let now: BTreeSet<String> = all.segments.iter().map(|s| key(&s.members)).collect();
         for key in steps.needed().into_iter().filter(|k| !now.contains(*k)) {
-            let members = steps.members.get(key).ok_or_else(|| format(format!("members {key} are not known")))?;
+            let members = steps.members.get(key).ok_or_else(|| format(format!("members {key} are missing")))?;
             tensors.push((format!("{PAST}{key}"), bytes(members)));
         }
     }
@@ -156,17 +156,17 @@ fn open(
     let (_, header) = SafeTensors::read_metadata(&bytes).map_err(damaged)?;
     let tensors = SafeTensors::deserialize(&bytes).map_err(damaged)?;
     let entry = header.metadata().as_ref().and_then(|m| m.get(ENTRY));
-    let entry = entry.ok_or_else(|| format(format!("no `{ENTRY}` entry in its header: not a file of segments")))?;
+    let entry = entry.ok_or_else(|| format(format!("no `{ENTRY}` entry in its header: not a segments file")))?;
     let found: FoundEntry = serde_json::from_str(entry).map_err(|e| format(format!("header: {e}")))?;
     let mut all = Segmentation { gaussians: found.gaussians, scene: found.scene, segments: found.segments };
     if u32::try_from(all.gaussians).is_err() {
-        return Err(format(format!("header: gaussians: {} are more than any scene has", all.gaussians)));
+        return Err(format(format!("header: `gaussians` is {}, more than any scene has", all.gaussians)));
     }
     for i in 0..all.segments.len() {
         let (before, from) = all.segments.split_at_mut(i);
         let segment = &mut from[0];
         if before.iter().any(|s| s.name == segment.name) {
-            return Err(format(format!("two segments are called {}", segment.name)));
+            return Err(format(format!("two segments are named {}", segment.name)));
         }
         let members = members(&tensors, &segment.name, all.gaussians);
         segment.members = members.map_err(|e| format(format!("segment {}: {e}", segment.name)))?;
@@ -190,7 +190,7 @@ fn past(path: &Path, file: Opened<'_>) -> Result<Steps, SegmentationError> {
         };
         let found = found.map_err(|e| SegmentationError::Format {
             path: path.into(),
-            reason: format!("members {key} of a segment of before: {e}"),
+            reason: format!("history, members {key}: {e}"),
         })?;
         steps.members.insert(key, found);
     }
@@ -201,12 +201,12 @@ fn past(path: &Path, file: Opened<'_>) -> Result<Steps, SegmentationError> {
 fn members(file: &SafeTensors<'_>, name: &str, count: usize) -> Result<Vec<u32>, String> {
     let tensor = file.tensor(name).map_err(|e| e.to_string())?;
     if tensor.dtype() != Dtype::U32 {
-        return Err(format!("{:?}, expected U32", tensor.dtype()));
+        return Err(format!("its type is {:?}, expected U32", tensor.dtype()));
     }
     let index = |b: &[u8]| u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
     let members: Vec<u32> = tensor.data().chunks_exact(4).map(index).collect();
     if let Some(bad) = members.iter().find(|&&i| i as usize >= count) {
-        return Err(format!("Gaussian {bad}, but the scene has {count}"));
+        return Err(format!("Gaussian {bad} is listed, but the scene has only {count}"));
     }
     if members.windows(2).any(|pair| pair[0] >= pair[1]) {
         return Err("its Gaussians are not in ascending order".into());

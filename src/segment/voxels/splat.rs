@@ -68,16 +68,16 @@ impl Splat {
 
     /// Adds the density at the voxels of the row `(y, z)` to `row`, which holds all voxels along x.
     pub fn add_row(&self, y: usize, z: usize, row: &mut [f32]) {
-        // Along the row the squared distance in standard deviations is a parabola `least + a (x - x0)^2`.
+        // Along the row the squared distance in standard deviations is a parabola `lowest + a (x - x0)^2`.
         let along = self.whiten.x_axis;
         let rest = self.whiten.y_axis * (y as f64 - self.centre.y) + self.whiten.z_axis * (z as f64 - self.centre.z);
         let (a, b) = (along.length_squared(), along.dot(rest));
         let offset = -b / a;
-        let least = (rest + offset * along).length_squared();
-        if least > CUT * CUT || least.is_nan() {
+        let lowest = (rest + offset * along).length_squared();
+        if lowest > CUT * CUT || lowest.is_nan() {
             return;
         }
-        let (x0, half) = (self.centre.x + offset, ((CUT * CUT - least) / a).sqrt());
+        let (x0, half) = (self.centre.x + offset, ((CUT * CUT - lowest) / a).sqrt());
         let low = (x0 - half).ceil().max(f64::from(self.reach[0][0]));
         let high = (x0 + half).floor().min(f64::from(self.reach[0][1]));
         if low > high {
@@ -85,7 +85,7 @@ impl Splat {
         }
         for x in low as usize..=high as usize {
             let d = x as f64 - x0;
-            row[x] += self.opacity * ((-0.5 * (least + a * d * d)) as f32).exp();
+            row[x] += self.opacity * ((-0.5 * (lowest + a * d * d)) as f32).exp();
         }
     }
 }

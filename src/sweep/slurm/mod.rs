@@ -55,7 +55,7 @@ pub enum SlurmError {
         fix: &'static str,
     },
     /// The sweep's folder has a path that batch scripts cannot contain.
-    #[error("{path}: Slurm takes no path with {what}; rename or move the folder")]
+    #[error("{path}: Slurm does not accept a path with {what}; rename or move the folder")]
     Folder {
         /// The folder.
         path: PathBuf,
@@ -65,7 +65,7 @@ pub enum SlurmError {
     /// A program of Slurm was not found.
     #[error(
         "{program} is not on the PATH: run this on the cluster's login node (some need `module load slurm` first), \
-         or leave out --slurm to train here"
+         or omit --slurm to train here"
     )]
     Missing {
         /// The program.
@@ -80,7 +80,7 @@ pub enum SlurmError {
         source: io::Error,
     },
     /// A program of Slurm refused a request.
-    #[error("{program} refused: {said}; look at the Slurm profile (partition, account, qos, time, memory, gpus)")]
+    #[error("{program} refused: {said}; check the Slurm profile (partition, account, qos, time, memory, gpus)")]
     Refused {
         /// The program and its arguments.
         program: String,
@@ -88,7 +88,7 @@ pub enum SlurmError {
         said: String,
     },
     /// A program of Slurm gave an unexpected answer.
-    #[error("{program} answered {said:?}, which is no job number")]
+    #[error("{program} answered {said:?}, which is not a job number")]
     Answer {
         /// The program.
         program: String,
@@ -96,13 +96,13 @@ pub enum SlurmError {
         said: String,
     },
     /// The cluster accepts no job arrays.
-    #[error("this cluster takes no job arrays (MaxArraySize is 0); start the workers by hand, one job each")]
+    #[error("this cluster accepts no job arrays (MaxArraySize is 0); start the workers by hand, one job each")]
     NoArrays,
     /// The list of submitted jobs cannot be written.
     #[error(transparent)]
     Jobs(#[from] JsonlError),
     /// A line of the list of submitted jobs cannot be read.
-    #[error("{path}:{line}: {source}; mend or remove the line")]
+    #[error("{path}:{line}: {source}; fix or remove the line")]
     JobLine {
         /// The list.
         path: PathBuf,

@@ -117,7 +117,7 @@ impl Profile {
         ];
         for (key, value) in names {
             let good = value.as_deref().is_none_or(|v| is_line(v) && !v.contains(char::is_whitespace));
-            ensure(good, key, value, "name it as `sinfo` or `sacctmgr` does, without spaces")?;
+            ensure(good, key, value, "use the name that `sinfo` or `sacctmgr` shows, without spaces")?;
         }
         let command = self.command.as_deref();
         ensure(command.is_none_or(is_line), "command", &self.command, "give one line of shell, such as \"volseggs\"")?;
@@ -127,8 +127,8 @@ impl Profile {
             &self.memory,
             "give a whole number and a unit (K, M, G or T), such as \"8G\"",
         )?;
-        ensure(self.cpus != Some(0), "cpus", &self.cpus, "give 1 or more, or leave the key out")?;
-        ensure(self.parallel != Some(0), "parallel", &self.parallel, "give 1 or more, or leave the key out")?;
+        ensure(self.cpus != Some(0), "cpus", &self.cpus, "give 1 or more, or omit the key")?;
+        ensure(self.parallel != Some(0), "parallel", &self.parallel, "give 1 or more, or omit the key")?;
         if let Some(Gpus::Typed(text)) = &self.gpus {
             ensure(is_gpus(text), "gpus", text, "give a count such as 1, or \"TYPE:COUNT\" such as \"a100:1\"")?;
         }
@@ -143,11 +143,16 @@ impl Profile {
             )?;
             // otherwise every task would be stopped as soon as it starts, forever
             let longer = limit.is_some_and(|s| s > u64::from(self.grace));
-            ensure(longer, "grace", &self.grace, "make it shorter than `time`, by what a worker needs to get on")?;
+            ensure(
+                longer,
+                "grace",
+                &self.grace,
+                "make it shorter than `time`, leaving a worker enough time to make progress",
+            )?;
         }
         for name in &self.modules {
             let good = is_line(name) && !name.contains(char::is_whitespace);
-            ensure(good, "modules", name, "name each module alone, such as \"cuda/12\"")?;
+            ensure(good, "modules", name, "give one module name per entry, such as \"cuda/12\"")?;
         }
         for line in &self.setup {
             ensure(!line.contains('\0'), "setup", line, "give lines of shell, such as \"source env.sh\"")?;

@@ -96,9 +96,9 @@ pub fn script(job: &Job) -> String {
         out,
         "\n# One task of this job array trains one run of the sweep in\n\
          #   {dir}\n\
-         # Array index plus SWEEP_OFFSET is the number of the run. To submit runs again (0 to 9, say):\n\
+         # Array index plus SWEEP_OFFSET is the number of the run. To submit runs again (0 to 9, for example):\n\
          #   sbatch --array=0-9{throttle} --export=ALL,SWEEP_OFFSET=0 {file}\n\
-         # Runs that are done are passed over, stopped ones go on from their checkpoint.\n\n",
+         # Finished runs are skipped; stopped runs resume from their checkpoint.\n\n",
         dir = job.dir.display(),
         file = quote(&file.to_string_lossy()),
     );
@@ -166,11 +166,11 @@ trap 'stop cancel' TERM
 
 finish() {
     worker=
-    # 75: stopped, with a checkpoint. 143: stopped before it listened, so before it began.
+    # 75: stopped, with a checkpoint. 143: stopped before it handled signals, so before it began.
     if [[ "$asked" == limit && ("$1" == 75 || "$1" == 143) ]]; then
         echo "run $task: stopped before the time limit; queued again, $(date '+%F %T')"
         scontrol requeue "${SLURM_ARRAY_JOB_ID}_${SLURM_ARRAY_TASK_ID}" && exit 0
-        echo "run $task: this cluster does not let it be queued again; submit it by hand as said above" >&2
+        echo "run $task: this cluster does not allow requeueing; submit the run by hand as described above" >&2
     fi
     exit "$1"
 }
@@ -178,7 +178,7 @@ finish() {
 ready() {
     local code=$?
     ((code == 0)) && return
-    echo "run $task: this failed with code $code, so nothing is trained: $*" >&2
+    echo "run $task: setup failed with code $code, so nothing is trained: $*" >&2
     exit "$code"
 }
 
@@ -186,7 +186,7 @@ ready() {
 
 /// Part after the worker's start: waits for it.
 const WAIT: &str = r#"worker=$!
-# A signal may have come before its number was known.
+# A signal may have arrived before its process id was known.
 [[ -z "$asked" ]] || kill -TERM "$worker" 2>/dev/null
 
 code=127
@@ -194,7 +194,7 @@ while true; do
     woken=
     wait "$worker"
     answer=$?
-    # 127: its code was told already, as a signal came just when it ended.
+    # 127: its code was already reported, as a signal arrived just as it ended.
     [[ "$answer" == 127 ]] && break
     code=$answer
     # A signal ends the wait, not the worker.

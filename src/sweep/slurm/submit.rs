@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cluster_that_does_not_tell_has_the_common_limit() {
+    fn a_cluster_without_a_reported_limit_gets_the_default() {
         for scontrol in ["exit 1", "echo MaxArraySize = many"] {
             let stage = stage("", scontrol);
             submit(&stage.tools, &stage.job, &(0..1500).collect::<Vec<_>>()).unwrap();
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_is_told_and_what_was_taken_before_stays_listed() {
+    fn a_refusal_is_reported_and_earlier_submissions_stay_listed() {
         let stage = stage("", "echo MaxArraySize = 10");
         let twice = "case $* in *OFFSET=10*) echo 'sbatch: error: invalid qos' >&2; exit 1;; *) echo 5;; esac";
         fake::program(&stage.bin(), "sbatch", twice);

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Maximum number of losses that are kept, evenly spaced.
-const LOSSES: usize = 200;
+const MAX_LOSSES: usize = 200;
 /// Minimum time between wake-ups of the drawing thread.
 const PAUSE: Duration = Duration::from_millis(250);
 
@@ -162,7 +162,7 @@ impl Reporter {
             (state.unit, state.done, state.all) = (unit, done, all);
             let Some(loss) = loss.filter(|_| done.is_multiple_of(self.every)) else { return };
             state.losses.push([done as f64, loss]);
-            if state.losses.len() >= LOSSES {
+            if state.losses.len() >= MAX_LOSSES {
                 self.every *= 2;
                 let every = self.every;
                 state.losses.retain(|[step, _]| (*step as usize).is_multiple_of(every));
@@ -181,7 +181,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_long_training_keeps_few_losses_and_the_pace_tells_what_is_left() {
+    fn a_long_training_keeps_few_losses_and_estimates_the_time_left() {
         let board = Arc::new(Board::new(1, "training".into()));
         let mut reporter = Reporter::new(board.clone(), Arc::new(Hub::default()));
         assert!(reporter.at("views", 3, 3, None));
@@ -190,7 +190,7 @@ mod tests {
         }
         let state = board.state();
         assert_eq!((state.unit, state.done, state.all, state.end), ("steps", 10_000, 20_000, None));
-        assert!((LOSSES / 2 - 1..LOSSES).contains(&state.losses.len()), "{}", state.losses.len());
+        assert!((MAX_LOSSES / 2 - 1..MAX_LOSSES).contains(&state.losses.len()), "{}", state.losses.len());
         assert!(state.losses.windows(2).all(|w| w[1][0] - w[0][0] == state.losses[0][0]), "evenly spaced");
         let left = state.left.unwrap();
         assert!(left > 0.0 && left <= state.seconds * 1.1, "half of it is done: {left} of {}", state.seconds);

@@ -71,9 +71,9 @@ impl Export<'_> {
         else {
             return Ok(None);
         };
-        let said = format!("{count} Gaussians: {}", output.path().display());
+        let message = format!("{count} Gaussians: {}", output.path().display());
         output.finish(&self.record(run, self.segments), &[])?;
-        Ok(Some(said))
+        Ok(Some(message))
     }
 
     fn labels(&self, run: &OpenRun, format: LabelFormat, report: &mut Reporter) -> Result<Option<String>, RunError> {
@@ -87,9 +87,9 @@ impl Export<'_> {
                 return Ok(None);
             }
         }
-        let said = format!("labels of {}: {}", labels.names.join(", "), output.path().display());
+        let message = format!("labels of {}: {}", labels.names.join(", "), output.path().display());
         output.finish(&self.record(run, &labels.names), &[])?;
-        Ok(Some(said))
+        Ok(Some(message))
     }
 
     fn place(&self, folder: &Path, name: &str) -> Result<Output, RunError> {

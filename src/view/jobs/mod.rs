@@ -27,14 +27,14 @@ pub struct Jobs {
     thread: Option<JoinHandle<()>>,
     number: u64,
     /// Version of the state that was sent last, and when.
-    told: (u64, Instant),
+    sent: (u64, Instant),
 }
 
 impl Jobs {
     /// Starts without a job; `hub` wakes the drawing thread.
     #[must_use]
     pub fn new(hub: Arc<Hub>) -> Self {
-        Self { hub, board: None, thread: None, number: 0, told: (0, Instant::now()) }
+        Self { hub, board: None, thread: None, number: 0, sent: (0, Instant::now()) }
     }
 
     /// Starts a job on `run`, which holds no lock.
@@ -58,13 +58,13 @@ impl Jobs {
                 Ok(Ok(Some(made))) => JobEnd::Done(made),
                 Ok(Ok(None)) => JobEnd::Stopped,
                 Ok(Err(error)) => JobEnd::Failed(error.to_string()),
-                Err(_) => JobEnd::Failed("the viewer failed at this; it goes on".into()),
+                Err(_) => JobEnd::Failed("an internal error stopped this; the viewer continues".into()),
             });
             hub.wake();
         };
         let thread = std::thread::Builder::new().name("job".into()).spawn(work);
-        self.thread = Some(thread.map_err(|e| format!("no thread for this: {e}"))?);
-        (self.number, self.board, self.told.0) = (number, Some(board), 0);
+        self.thread = Some(thread.map_err(|e| format!("cannot start a thread for this: {e}"))?);
+        (self.number, self.board, self.sent.0) = (number, Some(board), 0);
         Ok(())
     }
 
@@ -78,7 +78,7 @@ impl Jobs {
                 board.stop();
                 Ok(())
             }
-            _ => Err("this job is over".into()),
+            _ => Err("this job has already ended".into()),
         }
     }
 
@@ -91,15 +91,15 @@ impl Jobs {
     /// Returns the state if it is to be sent to clients now: it changed, and was not sent just before.
     pub fn news(&mut self) -> Option<JobState> {
         let board = self.board.as_ref()?;
-        let (version, (told, when)) = (board.version(), self.told);
-        if version == told {
+        let (version, (sent, when)) = (board.version(), self.sent);
+        if version == sent {
             return None;
         }
         let state = board.state();
-        if told != 0 && state.end.is_none() && when.elapsed() < PAUSE {
+        if sent != 0 && state.end.is_none() && when.elapsed() < PAUSE {
             return None;
         }
-        self.told = (version, Instant::now());
+        self.sent = (version, Instant::now());
         Some(state)
     }
 

@@ -18,7 +18,7 @@ use std::fmt;
 use std::ops::RangeInclusive;
 
 /// Maximum number of views of masks, parts or times that a client may request.
-const MOST: usize = 1000;
+const MAX_COUNT: usize = 1000;
 /// Numbers of steps that a client may request.
 const STEPS: RangeInclusive<usize> = 1..=1_000_000;
 /// Minimum alpha of a pixel of the mask whose area is tracked.
@@ -120,33 +120,37 @@ impl Task {
     /// What is wrong.
     pub fn check(&self) -> Result<(), String> {
         let within = |what: &str, value: usize, range: RangeInclusive<usize>| {
-            if range.contains(&value) { Ok(()) } else { Err(format!("{what}: {} to {}", range.start(), range.end())) }
+            if range.contains(&value) {
+                Ok(())
+            } else {
+                Err(format!("{what}: must be between {} and {}", range.start(), range.end()))
+            }
         };
         let unit = |what: &str, value: f64| {
-            if (0.0..=1.0).contains(&value) { Ok(()) } else { Err(format!("{what}: between 0 and 1")) }
+            if (0.0..=1.0).contains(&value) { Ok(()) } else { Err(format!("{what}: must be between 0 and 1")) }
         };
         match self {
             Self::Masks { source: Source::Labels, size: Some(_), .. } => {
-                Err("size: label images have a size of their own".into())
+                Err("size: label images keep their own size; leave it out".into())
             }
             Self::Masks { views, size, .. } => {
-                views.map_or(Ok(()), |n| within("views", n, 1..=MOST))?;
+                views.map_or(Ok(()), |n| within("views", n, 1..=MAX_COUNT))?;
                 size.map_or(Ok(()), |n| within("size", n as usize, 16..=4096))
             }
             Self::Fine { steps } => within("steps", *steps, STEPS),
             Self::Split { scale, clusters, .. } => {
                 unit("scale", f64::from(*scale))?;
-                clusters.map_or(Ok(()), |n| within("parts", n, 1..=MOST))
+                clusters.map_or(Ok(()), |n| within("parts", n, 1..=MAX_COUNT))
             }
             Self::Track { segments, frames, .. } => {
                 if segments.is_empty() {
                     return Err("segments: name at least one to track".into());
                 }
-                within("times", *frames, 2..=MOST)
+                within("times", *frames, 2..=MAX_COUNT)
             }
             Self::Export { time, frames, .. } => {
                 unit("time", *time)?;
-                frames.map_or(Ok(()), |n| within("times", n, 1..=MOST))
+                frames.map_or(Ok(()), |n| within("times", n, 1..=MAX_COUNT))
             }
         }
     }
@@ -197,7 +201,7 @@ fn masks(
     if path.exists() && !replace {
         let path = path.display();
         return Err(RunError::input(format!(
-            "{path}: masks are there already; tick `replace` beside `make masks` to make new ones"
+            "{path}: masks exist already; tick `replace` beside `make masks` to make new ones"
         )));
     }
     let mut around = run.surroundings();
@@ -265,7 +269,7 @@ fn track(
     let mut done = [0, 0];
     let found = follow(run, &request, device, |stage| {
         let (k, unit) = match stage {
-            FollowStage::Followed => (0, "times followed"),
+            FollowStage::Followed => (0, "times tracked"),
             FollowStage::Drawn => (1, "times drawn"),
         };
         done[k] += 1;
@@ -293,7 +297,9 @@ mod tests {
         let task = read(&masks("null", "5")).unwrap();
         assert_eq!((task.to_string().as_str(), task.check()), ("masks of all segments", Ok(())));
         assert!(read(&masks("64", "5")).unwrap().check().unwrap_err().starts_with("size"));
-        assert!(read(&masks("null", "0")).unwrap().check().unwrap_err().starts_with("views: 1 to 1000"));
+        assert!(
+            read(&masks("null", "0")).unwrap().check().unwrap_err().starts_with("views: must be between 1 and 1000")
+        );
         let group = r#"{"kind":"track","segments":["a","b"],"group":"pair","frames":51}"#;
         assert_eq!(read(group).unwrap().to_string(), "track of a, b as pair");
         for bad in [

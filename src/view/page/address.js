@@ -1,11 +1,11 @@
-// The view in the address, so that it can be shared. The secret is never there.
+// The view in the address, so that it can be shared. The secret is never part of it.
 import { $, app, on, tell, value } from "./state.js";
 import { look, narrowed } from "./picture.js";
 import { setTime } from "./time.js";
 
 function toAddress() {
   const { eye, target, up, fov } = app.camera.state();
-  // every digit, so that the picture is the same to the bit
+  // all digits, so that the picture is bit-identical
   const of = new URLSearchParams({ eye: eye.join(","), target: target.join(","), up: up.join(","), fov, t: value("when"), look: $("look").value });
   if (app.alone.length) of.set("alone", app.alone.join(","));
   if (app.hidden.size) of.set("hidden", [...app.hidden].join(","));
@@ -15,7 +15,7 @@ function toAddress() {
   history.replaceState(null, "", `#${of}`);
 }
 
-// shows a view; its field of view is that of its whole picture if it has a size, else of a training image
+// restores a view; its field of view is that of the whole picture if it has a size, otherwise that of a training image
 export function restore({ eye, target, up, fov, size, time, look: shown, alone, hidden, edits, range, palette }) {
   app.camera.restore({ eye, target, up, fov: size ? narrowed(fov, size) : fov });
   if (time >= 0 && time <= 1) setTime(time);

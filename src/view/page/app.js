@@ -1,4 +1,4 @@
-// The page: says what is to be seen, shows the frames that come, and asks for changes.
+// The page: sends the requested view, shows the frames that arrive, and requests changes.
 import { $, app, say, tell } from "./state.js";
 import { Camera } from "./camera.js";
 import { connect, hear } from "./socket.js";

@@ -1,4 +1,4 @@
-// The camera: an eye that circles a target. Vectors are arrays of three numbers, world units.
+// The camera: an eye that orbits a target. Vectors are arrays of three numbers, in world units.
 
 export const add = (a, b) => a.map((v, k) => v + b[k]);
 export const sub = (a, b) => a.map((v, k) => v - b[k]);
@@ -8,7 +8,7 @@ export const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * 
 export const length = (a) => Math.sqrt(dot(a, a));
 export const unit = (a) => mul(a, 1 / Math.max(length(a), 1e-12));
 
-// v turned about the unit axis by an angle, right-handed
+// rotates v about a unit axis by an angle, right-handed
 function turn(v, axis, angle) {
   const c = Math.cos(angle), s = Math.sin(angle);
   return add(add(mul(v, c), mul(cross(axis, v), s)), mul(axis, dot(axis, v) * (1 - c)));
@@ -26,7 +26,7 @@ export class Camera {
     this.look(centre, unit([1, -0.25, 0.35]), radius);
   }
 
-  // from the side that the direction points to
+  // places the eye in this direction from the target
   look(target, direction, distance) {
     this.target = [...target];
     this.eye = add(target, mul(unit(direction), distance));
@@ -40,7 +40,7 @@ export class Camera {
     return { forward, right, up: cross(right, forward) };
   }
 
-  // by parts of the picture's width
+  // dx and dy are fractions of the picture's width
   orbit(dx, dy) {
     const { right, up } = this.axes();
     let arm = sub(this.eye, this.target);

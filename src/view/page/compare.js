@@ -1,4 +1,4 @@
-// Comparing: a second picture beside the first, over it up to a divider, or in its place.
+// Comparison: a second picture beside the first, over it right of a divider, or in its place.
 import { $, app, canvas, make, on, say, value } from "./state.js";
 import { ask, hear } from "./socket.js";
 import { look, size, view } from "./picture.js";
@@ -12,11 +12,11 @@ let flipped = false;
 let fault = null; // why there is no picture to compare with
 
 const withWhat = () => $("compare").value;
-// which other run is chosen, if one is
+// the number of the chosen other run, or null
 const number = () => (withWhat().startsWith("run ") ? Number(withWhat().slice(4)) : null);
 const otherRun = () => app.welcome?.others[number()];
 
-function ask_for() {
+function update() {
   const what = withWhat();
   if (what === "image") app.compare = views.length ? { with: "image", view: value("test-view") } : null;
   else if (what === "time") app.compare = { with: "time", time: value("other-time") };
@@ -42,11 +42,11 @@ function layout() {
   $("compared").classList.toggle("wrong", Boolean(app.compare && fault));
   $("compare-note").textContent = run?.note ? `${run.name}: ${run.note}.` : "";
   $("compare-note").hidden = !run?.note;
-  draw_image();
+  showImage();
 }
 
-// the image as large as what it shows is in the picture
-function draw_image() {
+// draws the image at the scale of the picture
+function showImage() {
   if (app.compare?.with !== "image") return;
   const [w, h] = size();
   if (other.width !== w || other.height !== h) [other.width, other.height] = [w, h];
@@ -64,7 +64,7 @@ on("other", ({ bitmap, number, isImage }) => {
   if (isImage) {
     image?.bitmap.close();
     image = { bitmap, number };
-    return draw_image();
+    return showImage();
   }
   const [w, h] = size();
   if (other.width !== w || other.height !== h) [other.width, other.height] = [w, h];
@@ -72,9 +72,9 @@ on("other", ({ bitmap, number, isImage }) => {
   other.dataset.frame = number;
   bitmap.close();
 });
-on("frame", draw_image);
+on("frame", showImage);
 
-// nothing stays to be seen that is not what was asked for
+// an outdated picture must not remain visible
 hear("beside", (message) => {
   fault = message.fault;
   if (fault) context.clearRect(0, 0, other.width, other.height);
@@ -85,13 +85,13 @@ function snap() {
   const seen = views[value("test-view")];
   if (!seen) return say("The dataset has no test views.", true);
   restore({ ...seen, look: $("look").value, palette: $("palette").value, alone: app.alone, hidden: app.hidden, edits: $("edits-on").checked, range: app.range });
-  ask_for();
+  update();
 }
 $("test-view").onchange = snap;
 $("snap").onclick = snap;
-$("compare").onchange = () => (withWhat() === "image" ? snap() : ask_for());
-$("compare-how").onchange = () => { flipped = false; ask_for(); };
-$("other-time").oninput = ask_for;
+$("compare").onchange = () => (withWhat() === "image" ? snap() : update());
+$("compare-how").onchange = () => { flipped = false; update(); };
+$("other-time").oninput = update;
 export function flip() {
   if ($("compare-flip").disabled) return;
   flipped = !flipped;
@@ -99,7 +99,7 @@ export function flip() {
 }
 $("compare-flip").onclick = flip;
 
-// the divider, in hundredths of the width
+// moves the divider to a percentage of the width
 function divide(at) {
   const to = Math.min(100, Math.max(0, at));
   $("divider").style.left = `${to}%`;
@@ -119,7 +119,7 @@ $("divider").onkeydown = (e) => {
   divide(Number($("divider").getAttribute("aria-valuenow")) + by);
 };
 divide(50);
-// whatever is done to the picture beside is done to both
+// pointer and wheel events on the second picture act on both
 for (const kind of ["pointerdown", "wheel"]) other.addEventListener(kind, (e) => {
   e.preventDefault();
   canvas.dispatchEvent(new e.constructor(kind, e));
@@ -139,9 +139,9 @@ function offer({ others }) {
   layout();
 }
 on("welcome", (welcome) => {
-  // a viewer that was started anew has said nothing yet
+  // a restarted viewer has reported no fault yet
   fault = null;
   offer(welcome);
-  // a run whose dataset is gone has none
+  // a run whose dataset is missing has no test views
   if (!views.length) ask({ type: "views" }).catch(() => {}).then(() => ($("snap").disabled = $("test-view").disabled = !views.length));
 });

@@ -1,9 +1,9 @@
-// Questions in a dialog of the page.
+// Questions to the user, in a dialog.
 import { $ } from "./state.js";
 
 const dialog = $("question");
 
-// gives the question that was asked last its answer
+// resolves the last question
 let answer = () => {};
 const answered = (value) => {
   const last = answer;
@@ -11,7 +11,7 @@ const answered = (value) => {
   last(value);
 };
 
-// asks; resolves to the name that was given, or to "" where none is asked for, and to null if the answer is no
+// asks; resolves to the entered name, to "" if no name is requested, or to null if the user declines
 export function question(text, { button, name = false }) {
   answered(null);
   $("question-text").textContent = text;
@@ -22,7 +22,7 @@ export function question(text, { button, name = false }) {
   dialog.showModal();
   return new Promise((resolve) => { answer = resolve; });
 }
-// it is told late: the next question may be open by then
+// this event comes late: the next question may be open by then
 dialog.onclose = () => {
   if (!dialog.open) answered(dialog.returnValue === "yes" ? $("question-name").value.trim() : null);
 };

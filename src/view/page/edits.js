@@ -1,4 +1,4 @@
-// Edits of the checked segments.
+// Edits of the checked segments, and the list of edits.
 import { $, make, on, value } from "./state.js";
 import { change } from "./socket.js";
 import { chosen } from "./segments.js";

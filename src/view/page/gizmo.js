@@ -1,5 +1,5 @@
-// Handles on the picture that move, turn and scale the checked segments: arrows, rings, and a square in the middle. While
-// one is dragged, the edit that it would make is only shown; let go, it is made, as one step.
+// Handles on the picture that move, turn and scale the checked segments: arrows, rings, and a square in the middle.
+// While a handle is dragged, its edit is only previewed; on release it is made, as one step.
 import { $, app, element, on, say, value } from "./state.js";
 import { add, cross, dot, mul, sub, unit } from "./camera.js";
 import { ask, change } from "./socket.js";
@@ -8,11 +8,11 @@ import { look, size, view } from "./picture.js";
 const AXES = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] };
 const REACH = 90; // pixels from the centre to the end of an arrow
 const svg = $("gizmo");
-let centre = null; // of the checked segments, world units
-let asked = ""; // what the centre was asked of
-let drag = null; // what is being dragged or moved by keys
+let centre = null; // of the checked segments, in world units
+let asked = ""; // what the centre was last requested for
+let drag = null; // the handle that is being dragged or moved by keys
 
-// the camera as the picture has it: where points fall, and the rays of pixels
+// the camera of the picture: projections of points, and rays of pixels
 function lens() {
   const { eye, fov } = view(false);
   const { forward, right, up } = app.camera.axes();
@@ -25,25 +25,25 @@ function lens() {
       return z > 1e-9 ? [width / 2 + (focal * dot(v, right)) / z, height / 2 - (focal * dot(v, up)) / z] : null;
     },
     ray: ([x, y]) => unit(add(forward, add(mul(right, (x - width / 2) / focal), mul(up, (height / 2 - y) / focal)))),
-    // world units of a pixel at a point
+    // size of a pixel at a point, in world units
     pixel: (p) => dot(sub(p, eye), forward) / focal,
   };
 }
 
-// how far along the line through p the pixel is: where line and ray are closest
+// position along the line through p at which it is closest to the pixel's ray
 function along(p, axis, pixel, { eye, ray }) {
   const d = ray(pixel), w = sub(p, eye), b = dot(axis, d);
   return (b * dot(d, w) - dot(axis, w)) / Math.max(1 - b * b, 1e-6);
 }
 
-// the point of the plane through p that the pixel shows
+// intersection of the pixel's ray with the plane through p
 function across(p, normal, pixel, { eye, ray }) {
   const d = ray(pixel);
   return add(eye, mul(d, dot(sub(p, eye), normal) / dot(d, normal)));
 }
 
 const operation = ({ kind, axis, amount, segments }) => {
-  // a single segment turns about itself at every time; several keep their places to one another
+  // a single segment turns about its own centre at every time; several turn about their common centre
   const about = segments.length > 1 ? centre : null;
   if (kind === "move") return { translate: { by: mul(AXES[axis], amount) } };
   if (kind === "turn") return { rotate: { axis: AXES[axis], degrees: amount, about } };
@@ -55,7 +55,7 @@ const shown = ({ kind, amount }) =>
 function preview() {
   const { segments } = drag;
   app.preview = { base: app.doc.revision, edits: drag.amount ? [{ segments, operation: operation(drag) }] : [] };
-  say(`${drag.label}: ${shown(drag)} (Esc leaves it as it was)`);
+  say(`${drag.label}: ${shown(drag)} (Esc cancels)`);
   look(true);
   draw();
 }
@@ -73,7 +73,7 @@ async function finish(save) {
 
 const begin = (handle) => ({ ...handle, segments: [...app.checked], amount: 0, at: centre });
 
-// from where a handle was taken to where the pointer is now
+// updates the drag from the point where the handle was grabbed to the pointer
 function pull(pixel, snap) {
   const camera = lens();
   const axis = AXES[drag.axis];
@@ -92,7 +92,7 @@ function pull(pixel, snap) {
   preview();
 }
 
-// degrees between the last place of the pointer and this
+// degrees turned since the last position of the pointer
 function turned(axis, pixel, camera) {
   if (!drag.from) return 0;
   const sight = unit(sub(drag.at, camera.eye));
@@ -100,7 +100,7 @@ function turned(axis, pixel, camera) {
     const [a, b] = [drag.from, pixel].map((p) => sub(across(drag.at, axis, p, camera), drag.at));
     return (Math.atan2(dot(cross(a, b), axis), dot(a, b)) * 180) / Math.PI;
   }
-  // seen from its edge: across the axis on the screen, a ring's radius for a radian
+  // seen edge-on: movement across the axis on the screen, a ring's radius per radian
   const [from, to] = [camera.project(drag.at), camera.project(add(drag.at, mul(axis, camera.pixel(drag.at))))];
   const [ux, uy] = [to[0] - from[0], to[1] - from[1]], norm = Math.hypot(ux, uy) || 1;
   return ((pixel[1] - drag.from[1]) * ux - (pixel[0] - drag.from[0]) * uy) / norm / (0.75 * REACH) * (180 / Math.PI);
@@ -111,7 +111,7 @@ const place = (e) => {
   return [e.clientX - box.left, e.clientY - box.top];
 };
 
-// a handle: what is seen of it, and a wider line that takes the pointer
+// makes a handle: a visible mark, and a wider line that receives the pointer
 function handle(kind, axis, label, step) {
   const group = element("g", { class: `handle ${axis ?? "all"}`, tabindex: 0, role: "slider", "aria-label": label, "aria-valuenow": 0, "aria-valuetext": "0" });
   const line = kind === "scale" ? "rect" : kind === "turn" ? "polyline" : "path";
@@ -154,7 +154,7 @@ const handles = [
 ];
 svg.append(...handles.map((h) => h.group));
 
-// before anything else hears of it
+// in the capture phase, before any other listener
 document.addEventListener("keydown", (e) => {
   if (e.key !== "Escape" || !drag) return;
   e.stopImmediatePropagation();
@@ -186,7 +186,7 @@ function draw() {
     const a = AXES[axis];
     if (kind === "move") {
       const end = camera.project(add(moved, mul(a, unitOf)));
-      // one that points at the eye cannot be pulled
+      // an arrow that points at the eye cannot be dragged
       group.toggleAttribute("hidden", !end || Math.abs(dot(a, sight)) > 0.97);
       if (!end) continue;
       const d = [end[0] - middle[0], end[1] - middle[1]], n = Math.hypot(...d) || 1;
@@ -202,11 +202,11 @@ function draw() {
     for (let k = 0; k <= 64; k++) {
       const t = (k * Math.PI) / 32;
       const out = add(mul(side, Math.cos(t)), mul(other, Math.sin(t)));
-      // the half that faces the eye
+      // only the half that faces the eye is drawn
       if (dot(out, sight) > 0.05 && Math.abs(dot(a, sight)) < 0.97) { points.push(null); continue; }
       points.push(camera.project(add(moved, mul(out, 0.75 * unitOf))));
     }
-    // begins after the hidden half, so that what is left is one line
+    // starts after the hidden half, so that the visible part is one line
     const gap = points.lastIndexOf(null);
     const line = gap < 0 ? points : [...points.slice(gap + 1), ...points.slice(1, gap + 1)];
     const text = line.filter(Boolean).map((p) => p.map((v) => v.toFixed(1)).join(",")).join(" ");
@@ -214,7 +214,7 @@ function draw() {
   }
 }
 
-// asks where the checked segments are, when that may have changed
+// requests the centre of the checked segments when it may have changed
 function update() {
   if (drag || !app.welcome || app.welcome.read_only) return;
   const of = { segments: [...app.checked], time: value("when") };

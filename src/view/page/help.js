@@ -1,7 +1,7 @@
-// Keys and mouse habits, on request.
+// The list of keys and mouse actions.
 import { $, typing } from "./state.js";
 
-// whether a dialog is open, to which all keys go
+// whether a dialog is open, which then receives all keys
 export const asking = () => Boolean(document.querySelector("dialog[open]"));
 const open = () => $("help").showModal();
 $("help-open").onclick = open;

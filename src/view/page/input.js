@@ -1,4 +1,4 @@
-// Mouse, touch and keys on the picture.
+// Mouse, touch and keyboard input on the picture.
 import { $, app, canvas, typing } from "./state.js";
 import { change } from "./socket.js";
 import { look } from "./picture.js";
@@ -10,7 +10,7 @@ import { asking } from "./help.js";
 import { reveal } from "./parts.js";
 
 let drag = null;
-let clicked = { at: 0, place: [0, 0], before: false, done: null }; // the last click, which may be the first of two
+let clicked = { at: 0, place: [0, 0], before: false, done: null }; // the last click; may begin a double click
 const fingers = new Map();
 canvas.addEventListener("pointerdown", (e) => {
   canvas.focus();
@@ -37,7 +37,7 @@ canvas.addEventListener("pointermove", (e) => {
   else app.camera.orbit(dx / width, dy / width);
   look(true);
 });
-// a click selects at once; a second soon after it, at the same place, means another thing: see dblclick
+// a click selects at once; a second click soon after it at the same place is ignored here, see dblclick
 function tap(e) {
   const near = Math.hypot(e.clientX - clicked.place[0], e.clientY - clicked.place[1]) < 6;
   if (near && e.timeStamp - clicked.at < 400) return;
@@ -67,7 +67,7 @@ document.addEventListener("keydown", (e) => {
   if (asking()) return;
   if ((e.ctrlKey || e.metaKey) && e.key.toLowerCase() === "z" && !typing()) {
     e.preventDefault();
-    // segments or edits, whichever changed last
+    // undoes or redoes segments or edits, whichever changed last
     return change({ kind: "last", undo: !e.shiftKey });
   }
   if (e.key === "Escape") return clear();
@@ -86,7 +86,7 @@ document.addEventListener("keydown", (e) => {
     keys[e.key]();
     return look(true);
   }
-  // on a button, a box or a colour it does what it does there
+  // on a button, checkbox or colour input, Space keeps its own meaning
   if (e.key === " " && !document.activeElement?.matches("button, summary, [type=checkbox], [type=color]")) { e.preventDefault(); play(); }
   if (e.key === ",") nudge(-1);
   if (e.key === ".") nudge(1);

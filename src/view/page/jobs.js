@@ -1,10 +1,10 @@
-// Long work: what is started, how far it has come, and how it ended.
+// Long work: starting it, its progress, and how it ended.
 import { $, app, duration, on, say, value } from "./state.js";
 import { ask, hear, start } from "./socket.js";
 import { chosen } from "./segments.js";
 import { plot } from "./plot.js";
 
-let job = null; // the last that was told of one
+let job = null; // the last reported state of a job
 
 const number = (id) => ($(id).value === "" ? null : Math.round(value(id)));
 
@@ -12,7 +12,7 @@ const masks = () => ({ kind: "masks", segments: [...app.checked], source: $("mas
 const fine = () => ({ kind: "fine", steps: number("fine-steps") ?? 5000 });
 function split() {
   const segments = chosen();
-  if (segments.length > 1) return say("Check the one segment that is to be split.", true);
+  if (segments.length > 1) return say("Check exactly one segment to split.", true);
   return segments.length ? { kind: "split", segment: segments[0], scale: value("split-scale"), clusters: number("split-parts"), replace: $("split-replace").checked } : null;
 }
 function track() {
@@ -35,11 +35,11 @@ function figures() {
     const loss = job.losses.length ? `, loss ${job.losses.at(-1)[1].toFixed(4)}` : "";
     return `${counted}${duration(job.seconds)}${left}${loss}`;
   }
-  if (job.end === "stopped") return `cancelled after ${duration(job.seconds)}; all is as before`;
+  if (job.end === "stopped") return `cancelled after ${duration(job.seconds)}; nothing was changed`;
   return job.end.done ? `${job.end.done} (${duration(job.seconds)})` : job.end.failed;
 }
 
-const OLD = 2; // seconds after which the end of work is no news to a window that is opened
+const OLD = 2; // seconds after which ended work is no longer announced in a newly opened window
 
 function last() {
   $("job-last").textContent = `Last, ${duration(job.ago)} ago, ${job.title}: ${figures()}`;
@@ -48,7 +48,7 @@ function last() {
 
 hear("job", (message) => {
   const begins = job?.number !== message.number;
-  // told again to a window that lost the viewer and found it again
+  // repeated for a window that has reconnected to the viewer
   if (!begins && job.end) return;
   job = message;
   if (begins && job.end && job.ago > OLD) return last();
@@ -65,12 +65,12 @@ hear("job", (message) => {
   $("job-figures").textContent = figures();
   $("job-loss").toggleAttribute("hidden", job.losses.length < 2);
   plot($("job-loss"), [{ points: job.losses }]);
-  // said aloud once, not at every step
-  if (begins && !job.end) $("job-news").textContent = `${job.title}: begun`;
+  // announced to screen readers once, not at every step
+  if (begins && !job.end) $("job-news").textContent = `${job.title}: started`;
   if (job.end) $("job-news").textContent = `${job.title}: ${figures()}`;
 });
 on("welcome", ({ read_only: still }) => {
   $("work").disabled = still;
-  // a viewer that was started anew knows nothing of it; one that does says so at once
+  // a restarted viewer does not know this job; one that does reports it at once
   if (job && !job.end) $("job").hidden = true;
 });

@@ -1,12 +1,12 @@
-// Looks, and the views along the axes.
+// Looks, colour scales, and views along the axes.
 import { $, app, make, on } from "./state.js";
 import { hear } from "./socket.js";
 import { look } from "./picture.js";
 
-// palettes for sizes and for values with a sign; the first is the one that a look begins with
-const SIZES = ["viridis", "cividis", "inferno"];
+// palettes for magnitudes and for signed values; the first of each is the default
+const MAGNITUDES = ["viridis", "cividis", "inferno"];
 const SIGNED = ["cool-warm", "red-green"];
-const palettes = (shown) => (/^velocity [xyz]$/.test(shown) ? SIGNED : shown === "depth" || shown === "velocity speed" ? SIZES : []);
+const palettes = (shown) => (/^velocity [xyz]$/.test(shown) ? SIGNED : shown === "depth" || shown === "velocity speed" ? MAGNITUDES : []);
 
 function offer(chosen) {
   const names = palettes($("look").value);
@@ -17,7 +17,7 @@ function offer(chosen) {
   $("hold").checked = Boolean(app.range);
 }
 
-// another look has another scale
+// each look has its own scale
 $("look").onchange = () => { app.range = null; offer(); look(false); };
 $("palette").onchange = () => look(false);
 on("restored", offer);

@@ -1,4 +1,4 @@
-// The parts of the panel, which can be folded; a window keeps them as they were left when it is loaded again.
+// The foldable parts of the panel; a window keeps their state when it is reloaded.
 const KEY = "parts";
 const parts = [...document.querySelectorAll("details.part")];
 const kept = JSON.parse(sessionStorage.getItem(KEY) ?? "{}");
@@ -8,10 +8,10 @@ for (const part of parts) {
   part.addEventListener("toggle", () => sessionStorage.setItem(KEY, JSON.stringify(Object.fromEntries(parts.map((p) => [p.id, p.open])))));
 }
 
-// whether a part was opened or folded before
+// whether the state of a part was kept from before
 export const wasLeft = (id) => id in kept;
 
-// shows an element that may be hidden, or in a part that is folded
+// shows an element, and opens the part that contains it
 export function reveal(element) {
   element.hidden = false;
   element.closest("details").open = true;

@@ -1,4 +1,4 @@
-// A camera path: keyframes are listed here; the server finds what lies between them.
+// A camera path: keyframes are listed here; the server interpolates between them.
 import { $, app, make, on, say, value } from "./state.js";
 import { ask } from "./socket.js";
 import { look, narrowed, size, view } from "./picture.js";
@@ -6,9 +6,9 @@ import { restore } from "./address.js";
 import { download } from "./take.js";
 import { setTime } from "./time.js";
 
-const RATE = 30; // cameras a second that are played
+const RATE = 30; // cameras played per second
 let keys = [];
-let flight = null; // the cameras that are being played, and since when
+let flight = null; // the cameras that are being played, and when that began
 
 function show(key) {
   app.camera.restore({ ...key, fov: narrowed(key.fov, size()) });
@@ -45,7 +45,7 @@ function stop() {
   $("path-play").textContent = "play path";
   look(false);
 }
-// the camera that is due now: a slow machine leaves some out, and keeps the speed
+// shows the camera that is due now: a slow machine skips some and keeps the speed
 function step() {
   const n = Math.round(((performance.now() - flight.from) / 1000) * RATE);
   show(flight.frames[Math.min(n, flight.frames.length - 1)]);
@@ -70,7 +70,7 @@ $("path-save").onclick = async () => {
 };
 
 on("frame", () => flight && step());
-// a file of a path was opened; the server says what is wrong with its keyframes
+// a path file was opened; the server checks its keyframes
 on("path", async (file) => {
   const before = keys;
   keys = file.keys;
@@ -78,7 +78,7 @@ on("path", async (file) => {
   if (!answer) keys = before;
   else {
     restore({ ...file.view, ...keys[0], size: size() });
-    say(`A path of ${keys.length} keyframes.`);
+    say(`Opened a path of ${keys.length} keyframes.`);
   }
   list();
 });

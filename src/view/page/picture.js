@@ -1,9 +1,9 @@
-// The picture: what is to be seen is said to the server, and the frames that come are drawn.
+// The picture: sends the requested view to the server, and draws the frames that arrive.
 import { $, app, canvas, tell, value } from "./state.js";
 import { answered, hear, send } from "./socket.js";
 
 const HEADER = 32;
-// kinds of frames: the picture, a file that was asked for, the dataset's image; any other is drawn beside the picture
+// kinds of frames: the picture, a requested file, the dataset's image; any other is drawn beside the picture
 const [PICTURE, STILL, IMAGE] = [0, 2, 3];
 const context = canvas.getContext("2d", { willReadFrequently: true });
 let lastView = "";
@@ -16,13 +16,13 @@ export function size() {
   return [Math.floor(box.width / columns), box.height].map((n) => Math.min(4096, Math.max(16, Math.round(n))));
 }
 
-// how much wider than a training image's the field of view of a picture of this size is, in parts of its half width
+// ratio of the tangents of half the field of view, of a picture of this size to a training image
 const wider = ([width, height]) => Math.max(1, width / height / (app.welcome.size[0] / app.welcome.size[1]));
 
-// the field of view of a training image, from that of a picture of this size
+// converts the field of view of a picture of this size to that of a training image
 export const narrowed = (fov, of) => 2 * Math.atan(Math.tan(fov / 2) / wider(of));
 
-// the field of view, so wide that what a training image shows is in the picture, whatever its shape
+// a field of view wide enough that the picture shows all that a training image would, whatever its aspect ratio
 function lens() {
   return 2 * Math.atan(Math.tan(app.camera.fov / 2) * wider(size()));
 }
@@ -36,13 +36,13 @@ export function view(moving) {
   };
 }
 
-// the picture is not what is to be seen any more; a new one will come
+// marks the picture as outdated; a new one will arrive
 export function stale() {
   canvas.dataset.lossless = false;
 }
 
 let resting;
-// asks for the picture as it is to be now; true if that is not what was asked for last
+// requests the current view; returns whether it differs from the last request
 export function look(moving) {
   if (!app.camera || !app.welcome) return false;
   const wanted = view(moving);
@@ -56,7 +56,7 @@ export function look(moving) {
   return true;
 }
 
-// whatever was asked for last is forgotten: the server does not know it
+// requests the view again, as a new connection does not know the last request
 export function again() {
   lastView = "";
   look(false);

@@ -6,15 +6,15 @@ const WIDTH = 300, HEIGHT = 96, LEFT = 4, RIGHT = 4, TOP = 14, BOTTOM = 14;
 const short = (v) => (Number.isInteger(v) ? v.toLocaleString("en") : Math.abs(v) >= 1e4 || Math.abs(v) < 1e-3 ? v.toExponential(1) : Number(v.toPrecision(3)).toString());
 const label = (x, y, text, anchor = "start") => element("text", { x, y, "text-anchor": anchor }, text);
 
-// where a value of the horizontal axis, which goes over span, stands in the plot, and the other way round
+// converts a value on the horizontal axis, which covers span, to its position in the plot, and back
 export const place = ([from, to], x) => LEFT + ((x - from) / (to - from || 1)) * (WIDTH - LEFT - RIGHT);
 export const valueAt = ([from, to], share) => {
   const part = (share * WIDTH - LEFT) / (WIDTH - LEFT - RIGHT);
   return from + Math.min(1, Math.max(0, part)) * (to - from);
 };
 
-// lines of points [x, y], y null where there is none, in one plot with one scale; the first and last x are its span if
-// none is given; marks are elements drawn over the lines
+// plots lines of points [x, y], with y null where missing, on one scale; without a span, it runs from the smallest to
+// the largest x; marks are elements drawn over the lines
 export function plot(svg, lines, { span = null, unit = "", marks = [] } = {}) {
   const all = lines.flatMap((line) => line.points).filter(([, y]) => y !== null && Number.isFinite(y));
   svg.setAttribute("viewBox", `0 0 ${WIDTH} ${HEIGHT}`);
@@ -30,7 +30,7 @@ export function plot(svg, lines, { span = null, unit = "", marks = [] } = {}) {
       pen = "L";
       return step;
     });
-    // a point alone is a dot
+    // a single point becomes a dot
     const d = steps.filter(Boolean).length === 1 ? `${steps.join("")}h0` : steps.join("");
     return element("path", { d, class: `line ${look}` });
   });
@@ -43,7 +43,7 @@ export function plot(svg, lines, { span = null, unit = "", marks = [] } = {}) {
   return [from, to];
 }
 
-// a line across the plot at x
+// a vertical line at x
 export const upright = (span, x, look) => {
   const at = place(span, x).toFixed(1);
   return element("path", { d: `M${at} ${TOP}V${HEIGHT - BOTTOM}`, class: look });

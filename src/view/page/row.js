@@ -1,4 +1,4 @@
-// A segment in the tree: eye, colour, name and opacity, and below it what is rarely needed.
+// A segment in the tree: eye, colour, name and opacity, and a second line with rarely used controls.
 import { app, element, make } from "./state.js";
 import { change, start } from "./socket.js";
 import { look } from "./picture.js";
@@ -7,13 +7,13 @@ const open = new Set(); // names of segments whose second line is open
 const hex = (colour) => `#${colour.map((c) => Math.round(255 * Math.min(1, Math.max(0, c))).toString(16).padStart(2, "0")).join("")}`;
 const rgb = (text) => [1, 3, 5].map((k) => parseInt(text.slice(k, k + 2), 16) / 255);
 
-// an edit that is shown while a control is moved and made once it rests, so that one movement is one step
-let waiting = null; // the edit that waits: of which control, its timer, and what makes it
-let earlier = []; // what controls waited for that were left for another: made before its edit, as the row is then drawn anew
+// an edit is previewed while a control moves and made once it rests, so that one movement is one step
+let waiting = null; // the pending edit: its control, its timer, and the function that makes it
+let earlier = []; // pending edits of controls used before: made first, as an edit redraws the row
 function pause(key) {
   if (!waiting) return;
   clearTimeout(waiting.timer);
-  // the same control has a newer value
+  // a newer value of the same control replaces its pending edit
   if (waiting.key !== key) earlier.push(waiting.make);
   waiting = null;
 }
@@ -38,7 +38,7 @@ function makeSoon(s, key, operation) {
   wait(key, async () => operation && change({ kind: "edit", segments: [s.name], operation }));
 }
 
-// the one edit to an opacity, if it takes any: 0 hides, and more shows again
+// the edit that leads to an opacity, or null if none is needed: 0 hides, more shows again
 function fade(s, wanted) {
   if (wanted === 0) return s.hidden ? null : "hide";
   const factor = wanted / Math.max(s.opacity, 1e-3);
@@ -54,12 +54,12 @@ function edits(kind, key, label, properties, operation, s) {
   input.title = label;
   input.oninput = () => show(s, key, operation(input.value));
   input.onchange = () => makeSoon(s, key, operation(input.value));
-  // moved and put back, it does not change
+  // moved and put back, it fires no change event
   input.onpointerup = () => earlier.length && !waiting && wait(key, async () => {});
   return input;
 }
 
-// an eye, open or struck out
+// an eye icon, open or struck out
 function icon(out) {
   const stroke = { fill: "none", stroke: "currentColor", "stroke-width": 1.5, "stroke-linecap": "round" };
   const lids = element("path", { d: "M1.5 8C4 4.2 6 3 8 3s4 1.2 6.5 5C12 11.8 10 13 8 13S4 11.8 1.5 8Z", ...stroke });
@@ -71,11 +71,11 @@ function icon(out) {
 function eye(s) {
   const button = make("button", { className: "eye" });
   button.dataset.key = `eye ${s.name}`;
-  button.setAttribute("aria-label", `Leave ${s.name} out of the picture`);
+  button.setAttribute("aria-label", `Hide ${s.name} in this view`);
   const shown = () => {
     const out = app.hidden.has(s.name);
     button.replaceChildren(icon(out));
-    button.title = out ? "Left out of the picture: show it (this is no edit)" : "Leave it out of the picture (this is no edit)";
+    button.title = out ? "Hidden in this view: show it (not an edit)" : "Hide it in this view (not an edit)";
     button.setAttribute("aria-pressed", out);
   };
   button.onclick = () => {
@@ -87,7 +87,7 @@ function eye(s) {
   return button;
 }
 
-// another name, and parts by scale
+// the second line: rename, and split by scale
 function more(s) {
   const rename = make("form", { className: "row" });
   const name = make("input", { value: s.name, maxLength: 100, pattern: "[A-Za-z0-9_][A-Za-z0-9_.\\-]*", autocomplete: "off" });
@@ -102,12 +102,12 @@ function more(s) {
   const split = make("form", { className: "row" });
   const scale = make("input", { type: "range", min: 0, max: 1, step: 0.05, value: 0.5 });
   const label = make("label", { textContent: "scale " });
-  const told = make("output", { textContent: "0.50" });
+  const shownScale = make("output", { textContent: "0.50" });
   scale.dataset.key = `scale ${s.name}`;
   scale.setAttribute("aria-label", `Scale of the parts of ${s.name}`);
-  scale.oninput = () => { told.textContent = Number(scale.value).toFixed(2); };
-  label.append(scale, told);
-  split.append(label, make("button", { textContent: "split", title: "Parts by their features, from small (0) to large (1)" }));
+  scale.oninput = () => { shownScale.textContent = Number(scale.value).toFixed(2); };
+  label.append(scale, shownScale);
+  split.append(label, make("button", { textContent: "split", title: "Split by features into parts, from small (0) to large (1)" }));
   split.onsubmit = (e) => {
     e.preventDefault();
     start({ kind: "split", segment: s.name, scale: Number(scale.value), clusters: null, replace: false });
@@ -118,7 +118,7 @@ function more(s) {
   return box;
 }
 
-// its second line stays open, and who works by keys stays in it
+// keeps the second line open, and keyboard focus in it
 export function renamed(from, to) {
   if (open.delete(from)) open.add(to);
   const at = document.activeElement?.dataset;
@@ -139,7 +139,7 @@ export function row(s, number, check) {
     { min: 0, max: 1, step: 0.05, value: s.hidden ? 0 : Math.min(1, s.opacity) }, (text) => fade(s, Number(text)), s);
   const button = make("button", { textContent: "…", title: "Rename, split" });
   button.dataset.key = `more ${s.name}`;
-  button.setAttribute("aria-label", `More of ${s.name}`);
+  button.setAttribute("aria-label", `More options for ${s.name}`);
   const below = more(s);
   const set = (there) => {
     there ? open.add(s.name) : open.delete(s.name);

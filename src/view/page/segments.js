@@ -5,7 +5,7 @@ import { look, stale } from "./picture.js";
 import { renamed, row } from "./row.js";
 import { question } from "./dialog.js";
 
-// a segment that has another name, whoever gave it that, stays checked, left out or alone
+// a renamed segment, whoever renamed it, stays checked, hidden or isolated
 function keep(from, to) {
   for (const set of [app.hidden, app.checked]) if (set.delete(from)) set.add(to);
   app.alone = app.alone.map((name) => (name === from ? to : name));
@@ -15,7 +15,7 @@ function keep(from, to) {
 
 function read(message) {
   app.doc = message;
-  // it was of another document
+  // it belonged to another document
   app.preview = null;
   stale();
   const names = new Set(app.doc.segments.map((s) => s.name));
@@ -34,9 +34,9 @@ function read(message) {
 }
 
 let last = null; // the name that was checked or unchecked last
-let names = []; // those in the tree, from above
+let names = []; // the names in the tree, from top to bottom
 
-// Shift does to all from the last one to this what is done to this
+// with Shift, all from the last one to this one get the same state
 function check(name, checked, range) {
   const [from, to] = [names.indexOf(last), names.indexOf(name)].sort((a, b) => a - b);
   const all = range && from >= 0 ? names.slice(from, to + 1) : [name];
@@ -54,24 +54,24 @@ function tree() {
   $("no-segments").hidden = app.doc.segments.length > 0;
   $("search").hidden = app.doc.segments.length < 8;
   $("tree").replaceChildren(...shown.map((s, number) => row(s, number, check)));
-  // who works by keys stays where they are
+  // keyboard focus stays where it was
   if (key) $("tree").querySelector(`[data-key="${CSS.escape(key)}"]`)?.focus();
 }
 $("search").oninput = tree;
 
-// the checked segments; says so if there are none
+// the checked segments; shows a message if there are none
 export const chosen = () => {
   if (!app.checked.size) say("Check one or more segments first.", true);
   return [...app.checked];
 };
 
 $("coarse").onclick = async () => {
-  const goes = !app.doc.segments.length || (await question("Segments found by colour replace all that there are; undo brings them back.", { button: "find by colour" })) !== null;
+  const goes = !app.doc.segments.length || (await question("Segments found by colour replace all existing segments; undo brings those back.", { button: "find by colour" })) !== null;
   if (goes) change({ kind: "coarse", time: value("when"), clusters: null });
 };
 $("group").onclick = async () => {
   const segments = chosen();
-  const name = segments.length && (await question(`One segment of ${segments.join(", ")}`, { button: "group", name: true }));
+  const name = segments.length && (await question(`Group ${segments.join(", ")} as one segment.`, { button: "group", name: true }));
   if (name) change({ kind: "group", name, segments });
 };
 $("remove").onclick = () => { const segments = chosen(); if (segments.length) change({ kind: "remove", segments }); };
@@ -83,7 +83,7 @@ $("isolate").onclick = () => {
 $("segments-undo").onclick = () => change({ kind: "segments", undo: true });
 $("segments-redo").onclick = () => change({ kind: "segments", undo: false });
 
-// what is left out or alone may have changed elsewhere
+// hidden and isolated segments may have changed elsewhere
 on("restored", () => {
   tree();
   $("isolate").setAttribute("aria-pressed", app.alone.length > 0);

@@ -1,4 +1,4 @@
-// Clicks: what is selected, its levels and sliders, and segments made of it.
+// Clicks: the selection, its levels and sliders, and segments made from it.
 import { $, app, canvas, make, on, say, tell, value } from "./state.js";
 import { ask, hear, send } from "./socket.js";
 import { look, stale } from "./picture.js";
@@ -11,12 +11,12 @@ const HINT = "Click on the picture to select. Shift-click adds, Alt-click remove
 function under(e) {
   const box = canvas.getBoundingClientRect();
   const at = [(e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height];
-  // the picture beside shows the same place
+  // the comparison picture shows the same place
   if (at[0] >= 1) at[0] -= 1;
   return at.map((v, k) => Math.floor(v * [canvas.width, canvas.height][k]));
 }
 
-// what is clicked becomes the middle of the picture, about which it turns
+// makes the clicked point the target, about which the camera turns
 export async function centreOn(e) {
   const found = await ask({ type: "point", pixel: under(e) }).catch((message) => say(message, true));
   if (!found) return;
@@ -43,7 +43,7 @@ function selected(message) {
   const names = message.segments.length ? ` in ${message.segments.join(", ")}` : "";
   $("selected").textContent = `${message.gaussians.toLocaleString("en")} Gaussians${names} (${message.ms.toFixed(0)} ms)`;
   $("levels").replaceChildren(...message.levels.map((share, n) => {
-    const button = make("button", { textContent: `${n + 1}: ${(100 * share).toFixed(0)} %`, title: "Level, and its share of what is looked at" });
+    const button = make("button", { textContent: `${n + 1}: ${(100 * share).toFixed(0)} %`, title: "Level, and its share of the candidates" });
     button.setAttribute("aria-pressed", n + 1 === message.level);
     button.onclick = () => adjust({ level: n + 1 });
     return button;
@@ -54,12 +54,12 @@ function selected(message) {
   reveal($("refine"));
 }
 
-// what the sliders stand at
+// shows the values of the sliders
 function figures() {
   for (const id of ["scale", "cosine"]) $(`${id}-now`).textContent = value(id).toFixed(2);
 }
 
-// latest wins: one adjustment is on its way at a time
+// one adjustment is under way at a time; of those that wait, the latest wins
 let adjusting = false, next = null;
 async function adjust(meaning) {
   if (!app.picked) return;
@@ -91,11 +91,11 @@ $("commit").onsubmit = async (e) => {
   e.preventDefault();
   const name = $("name").value.trim();
   if (!app.picked) return say("Click on something first.", true);
-  if (!name) return say("Give it a name.", true);
+  if (!name) return say("Enter a name for the segment.", true);
   await ask({ type: "commit", base: app.doc.revision, name }).then(() => {
     $("name").value = "";
     clear();
-    say(`${name} is a segment now.`);
+    say(`${name} is now a segment.`);
   }).catch((message) => say(message, true));
 };
 
@@ -103,13 +103,13 @@ hear("picked", (message) => {
   selected(message);
   tell("picked", message);
 });
-// the next connection knows nothing of what was selected
+// the next connection does not know the selection
 hear("closed", () => app.picked && clear());
 let scene = null;
 on("welcome", (welcome) => {
-  // what was selected is of the scene before
+  // the selection belongs to the previous scene
   if (app.picked && scene !== welcome.scene) clear();
   scene = welcome.scene;
   if (app.picked) return;
-  $("selected").textContent = welcome.clicks ? HINT : "To select by clicks, make masks and train the field first (further down).";
+  $("selected").textContent = welcome.clicks ? HINT : "To select by clicks, first make masks and train the affinity field (below).";
 });

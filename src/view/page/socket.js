@@ -1,13 +1,13 @@
-// The websocket: what is said, and who hears the answers.
+// The websocket: sends messages and passes answers to their listeners.
 import { app, say } from "./state.js";
 
 let socket;
 let number = 0;
-let ended = null; // what the viewer said before it ended
+let ended = null; // the last message of a viewer that has ended
 const waiting = new Map();
 const hearers = {};
 
-// who hears texts of a type; frames are of the type "frame"
+// sets the listener for messages of a type; frames have the type "frame"
 export const hear = (type, hearer) => { hearers[type] = hearer; };
 
 export function connect() {
@@ -24,14 +24,14 @@ export function connect() {
   };
 }
 
-// whether it could be sent
+// returns whether the message could be sent
 export function send(message) {
   if (socket?.readyState !== 1) return false;
   socket.send(JSON.stringify(message));
   return true;
 }
 
-// a request that is answered; resolves to the answer or rejects with its message
+// sends a request; resolves to the answer or rejects with its error message
 export function ask(message) {
   const id = ++number;
   return new Promise((resolve, reject) => {
@@ -42,16 +42,16 @@ export function ask(message) {
   });
 }
 
-// the answer to a request came as a frame
+// resolves a request whose answer came as a frame
 export function answered(id) {
   waiting.get(id)?.resolve();
   waiting.delete(id);
 }
 
-// a change of the document as this page knows it
+// requests a change of the document as this page knows it
 export const change = (what) => ask({ type: "change", base: app.doc.revision, change: what }).catch((e) => say(e, true));
 
-// long work on the document as this page knows it; it may be null if something was missing, which was said
+// starts long work on the document as this page knows it; task is falsy if something was missing, which was reported
 export const start = (task) => task && ask({ type: "job", base: app.doc.revision, task }).catch((e) => say(e, true));
 
 hear("ended", ({ message }) => { ended = message; });

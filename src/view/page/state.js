@@ -1,33 +1,33 @@
-// What the parts of the page share, and how they hear of one another.
+// State that the parts of the page share, and events between them.
 
 export const $ = (id) => document.getElementById(id);
 export const canvas = $("picture");
 
 export const app = {
-  welcome: null, // what the server says of the run
+  welcome: null, // the server's description of the run
   camera: null,
   doc: { revision: 0, segments: [], edits: [], segment_steps: [null, null], edit_steps: [false, false] },
-  hidden: new Set(), // names of segments that are left out of the picture
+  hidden: new Set(), // names of segments hidden in this view
   checked: new Set(), // names of segments that are checked in the tree
-  preview: null, // edits that are shown and not saved
-  alone: [], // names of segments that are shown alone
+  preview: null, // edits that are shown but not saved
+  alone: [], // names of isolated segments
   compare: null, // what the picture is compared with
-  range: null, // values at the ends of the colours' scale, if they are held
+  range: null, // limits of the colour scale, if they are held
   playing: null,
   picked: null, // the last answer to a click
 };
 
-// news: "welcome", "document", "picked", "frame", "cleared", "rested", "checked", "restored", "still", "path", "other"
+// events: "welcome", "document", "picked", "frame", "cleared", "rested", "checked", "restored", "still", "path", "other"
 const listeners = {};
-export const on = (news, listener) => (listeners[news] ??= []).push(listener);
-export const tell = (news, what) => (listeners[news] ?? []).forEach((listener) => listener(what));
+export const on = (event, listener) => (listeners[event] ??= []).push(listener);
+export const tell = (event, what) => (listeners[event] ?? []).forEach((listener) => listener(what));
 
 export function say(text, wrong = false) {
   $("message").textContent = text;
   $("message").classList.toggle("wrong", wrong);
 }
 
-// whether keys are text now
+// whether key presses enter text now
 export const typing = () => {
   const at = document.activeElement;
   return /INPUT|SELECT|TEXTAREA/.test(at?.tagName) && !/range|checkbox|color/.test(at.type);

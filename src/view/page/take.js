@@ -1,4 +1,4 @@
-// Taking away: the picture as a file that says what it shows, a link, a command; and files that are dropped here again.
+// Saving and sharing: the picture as a file that records its view, a link, a command; and opening such files again.
 import { $, app, make, on, say, tell } from "./state.js";
 import { ask, hear } from "./socket.js";
 import { look } from "./picture.js";
@@ -20,7 +20,7 @@ export function save() {
 }
 on("still", (bytes) => download(bytes, "volseggs.png"));
 
-// what is copied stays to be seen, as some browsers let no page write to the clipboard
+// copied text stays visible, as some browsers do not let pages write to the clipboard
 async function copy(text, what) {
   $("copied").hidden = false;
   $("copied").value = text;
@@ -29,7 +29,7 @@ async function copy(text, what) {
     say(`${what}: copied.`);
   } catch {
     $("copied").select();
-    say(`${what}: copy it from the field under the buttons.`);
+    say(`${what}: copy it from the field below the buttons.`);
   }
 }
 hear("command", ({ command }) => copy(command, "Command"));
@@ -43,7 +43,7 @@ $("copy-command").onclick = () => {
   ask({ type: "command" }).catch((message) => say(message, true));
 };
 
-// the text of a view in a PNG, or all of another file
+// the view text of a PNG, or the whole text of any other file
 async function text(file) {
   const data = new DataView(await file.slice(0, HEAD).arrayBuffer());
   const of = (from, to) => new TextDecoder().decode(new Uint8Array(data.buffer, from, to - from));
@@ -67,8 +67,8 @@ export async function open(file) {
   const seen = found?.view ?? found;
   if (!seen || ![seen.eye, seen.target, seen.up].every(three) || !(seen.fov > 0)) return say(`${file.name}: there is no view in it.`, true);
   restore({ ...seen, alone: names(seen.alone), hidden: names(seen.hidden) }, true);
-  if (found.scene && found.scene !== app.welcome.scene) say(`${file.name} was saved of another scene, ${found.run}.`);
-  else say(`As in ${file.name}.`);
+  if (found.scene && found.scene !== app.welcome.scene) say(`${file.name} was saved from another scene, ${found.run}.`);
+  else say(`View restored from ${file.name}.`);
 }
 
 $("open").onchange = () => {

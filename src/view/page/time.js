@@ -22,7 +22,7 @@ export function play() {
   if (app.playing) step();
   else look(false);
 }
-// the time that is due now, asked for when a frame has come: a slow machine leaves times out, and keeps the speed
+// shows the time that is due now, once a frame has arrived: a slow machine skips times and keeps the speed
 function step() {
   const passed = (performance.now() - app.playing.from) / 1000 / Math.max(1, Number($("speed").value) || 5);
   let t = app.playing.at + passed;
@@ -30,7 +30,7 @@ function step() {
     setTime(1);
     return play();
   }
-  // on a grid, so that the second loop finds what the first deformed
+  // on a grid, so that the second loop finds the cached Gaussians of the first
   setTime(Math.round((t % 1) / STEP) * STEP);
   if (!look(true)) setTimeout(() => app.playing && step(), 15);
 }

@@ -1,4 +1,4 @@
-// Charts of the checked segments through time: volume, centroid and speed, with what happened to their parts.
+// Charts of the checked segments through time: volume, centroid and speed, with the events of their parts.
 import { $, element, make, on, say, value } from "./state.js";
 import { ask, hear } from "./socket.js";
 import { chosen } from "./segments.js";
@@ -15,8 +15,8 @@ let track = null;
 let nows = [];
 
 function words({ kind, parts: [before, after] }) {
-  if (kind === "split") return `a part becomes ${after}`;
-  if (kind === "merge") return `${before} parts become one`;
+  if (kind === "split") return `a part splits into ${after}`;
+  if (kind === "merge") return `${before} parts merge into one`;
   const what = kind.startsWith("segment") ? "the whole" : "a part";
   return `${what} ${kind.endsWith("vanish") ? "vanishes" : "appears"}`;
 }
@@ -24,7 +24,7 @@ const middle = ({ from, to }) => (from + to) / 2;
 
 const said = (event) => `${event.to.toFixed(2)} ${words(event)}`;
 
-// the events of a chart, those of one time together, and the present time; what is pointed at says what it is
+// marks of a chart: its events, those of one time as one mark with a tooltip, and the current time
 function marks() {
   const times = new Map();
   for (const event of track.events) times.set(middle(event), [...(times.get(middle(event)) ?? []), event]);
@@ -59,7 +59,7 @@ function show() {
   mark();
 }
 
-// the present time on the charts
+// marks the current time on the charts
 function mark() {
   if (!track) return;
   const time = value("when");
@@ -87,7 +87,7 @@ for (const id of CHARTS) {
 $("chart-time").onkeydown = (e) => {
   const keys = { ArrowLeft: () => nudge(-1), ArrowDown: () => nudge(-1), ArrowRight: () => nudge(1), ArrowUp: () => nudge(1), Home: () => goTo(0), End: () => goTo(1) };
   if (!keys[e.key]) return;
-  // these keys turn the scene elsewhere
+  // elsewhere, these keys turn the scene
   e.preventDefault();
   e.stopPropagation();
   keys[e.key]();

@@ -239,7 +239,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn requests_are_read_and_what_nobody_knows_is_refused() {
+    fn valid_requests_are_read_and_unknown_fields_refused() {
         let read = |text: &str| serde_json::from_str::<Request>(text);
         assert_eq!(read(r#"{"type":"ack","frame":7}"#).unwrap(), Request::Ack { frame: 7 });
         let seen = r#"{"type":"view","eye":[4,0,0.1],"target":[0,0,0],"up":[0,0,1],"fov":0.5,"size":[8,8],"time":0.5,"look":"colour","edits":true,"moving":true}"#;
@@ -248,7 +248,7 @@ mod tests {
         assert!(
             read(&seen.replace("\"moving\"", "\"path\"")).is_err() && read(&seen.replace("\"look\"", "\"x\"")).is_err()
         );
-        assert!(read(&seen.replace("\"moving\"", "\"x\":1,\"moving\"")).is_err(), "what nobody knows");
+        assert!(read(&seen.replace("\"moving\"", "\"x\":1,\"moving\"")).is_err(), "unknown field");
         let pick = read(r#"{"type":"pick","id":1,"pixel":[3,4],"meaning":{"level":2},"combine":"add"}"#).unwrap();
         let Request::Pick { meaning, combine, within, .. } = pick else { panic!("{pick:?}") };
         assert_eq!((meaning, combine, within), (Some(Asked::Level(2)), Combine::Add, None));

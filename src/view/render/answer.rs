@@ -17,11 +17,11 @@ use crate::view::workspace::{Workspace, coarse};
 use std::time::Instant;
 
 /// Name under which the page saves a picture.
-const FILE: &str = "volseggs.png";
+const PICTURE_FILE: &str = "volseggs.png";
 /// Name under which the page saves a path.
 const PATH_FILE: &str = "path.json";
 /// Maximum number of cameras of a path that a client may request.
-const PATH: usize = 3000;
+const MAX_CAMERAS: usize = 3000;
 
 impl Renderer {
     /// Answers a request; an error comes with the request's number, if it has one.
@@ -54,7 +54,7 @@ impl Renderer {
                 let view = client.still().map_err(wrong)?;
                 let (size, time) = (view.size, view.time);
                 let (run, device) = (&self.space.run, &self.space.device);
-                let bytes = SavedView::picture(run, view, FILE, device).map_err(wrong)?;
+                let bytes = SavedView::picture(run, view, PICTURE_FILE, device).map_err(wrong)?;
                 let (codec, revision) = (Codec::Png, self.space.revision());
                 let (render_ms, encode_ms) = (1e3 * started.elapsed().as_secs_f32(), 0.0);
                 let kind = Kind::Still;
@@ -78,8 +78,8 @@ impl Renderer {
                 let wrong = |e: String| (Some(number), e);
                 let shown = client.still().map_err(|e| wrong(e.to_string()))?;
                 let path = CameraPath::new(keys.clone()).map_err(wrong)?;
-                if frames > PATH {
-                    return Err(wrong(format!("frames: at most {PATH}")));
+                if frames > MAX_CAMERAS {
+                    return Err(wrong(format!("frames: at most {MAX_CAMERAS}")));
                 }
                 let file = Box::new(SavedPath::new(&self.space.run, shown, keys, PATH_FILE));
                 client.answer(Answer::Path { id: number, frames: path.frames(frames).collect(), file });

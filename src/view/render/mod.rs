@@ -25,10 +25,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// Time between checks of the files of the run.
-const LOOK: Duration = Duration::from_millis(500);
+const CHECK_PERIOD: Duration = Duration::from_millis(500);
 
 /// Age at which a scene in training is replaced even while a camera is moving.
-const MOVING: Duration = Duration::from_secs(3);
+const MAX_AGE_MOVING: Duration = Duration::from_secs(3);
 
 /// Why a request is refused, with its number if it has one.
 type Wrong = (Option<u32>, String);
@@ -47,8 +47,8 @@ pub struct Renderer {
     tracks: Tracks,
     slow: Slow,
     watch: Watch,
-    /// What clients were told about the scene: its step, and whether there is an affinity field.
-    told: (Option<usize>, bool),
+    /// What was announced to clients about the scene: its step, and whether there is an affinity field.
+    announced: (Option<usize>, bool),
     hub: Arc<Hub>,
     /// The share of the machine that drawing may take during training in this process.
     share: Option<Arc<Share>>,
@@ -66,7 +66,7 @@ impl Renderer {
     #[must_use]
     pub fn new(space: Workspace, others: Vec<Other>, cache: usize, hub: Arc<Hub>) -> Self {
         let (jobs, tracks, slow) = (Jobs::new(hub.clone()), Tracks::new(hub.clone()), Slow::new(hub.clone()));
-        let (watch, told) = (Watch::default(), (space.run.step(), space.field().is_some()));
+        let (watch, announced) = (Watch::default(), (space.run.step(), space.field().is_some()));
         // without a thread of its own, drawing is not limited
         let share = space.live().and_then(|_| Share::new().ok()).map(Arc::new);
         let (cache, clients, now) = (Cache::new(cache), BTreeMap::new(), Instant::now());
@@ -81,7 +81,7 @@ impl Renderer {
             tracks,
             slow,
             watch,
-            told,
+            announced,
             hub,
             share,
             rests,
@@ -101,7 +101,7 @@ impl Renderer {
                 None => self.turn(events, None),
             };
         }
-        self.part();
+        self.close();
     }
 
     /// Does what there is to do; returns until when there is nothing else.
@@ -111,7 +111,7 @@ impl Renderer {
             self.handle(id, event);
         }
         let news = self.space.live().is_some_and(|live| live.news());
-        if news || self.looked.elapsed() > LOOK {
+        if news || self.looked.elapsed() > CHECK_PERIOD {
             self.looked = Instant::now();
             self.look_at_files();
             self.tell_of_training(news);
@@ -137,7 +137,7 @@ impl Renderer {
         let Some(live) = self.space.live() else { return };
         let looking = || self.clients.values().filter(|client| client.view.is_some());
         let all_shown = looking().all(|client| client.failed || client.pace.is_done());
-        let long_ago = self.changed.elapsed() > MOVING && looking().any(|client| client.pace.keeps_up());
+        let long_ago = self.changed.elapsed() > MAX_AGE_MOVING && looking().any(|client| client.pace.keeps_up());
         live.wish(match looking().next() {
             None => Wish::Nothing,
             Some(_) if all_shown || long_ago => Wish::Now,
@@ -146,7 +146,7 @@ impl Renderer {
     }
 
     /// Announces that the viewer ends; after a training, each window first gets the last scene in its own view.
-    fn part(mut self) {
+    fn close(mut self) {
         // requested changes are finished first
         while let Some((wanted, found)) = self.slow.wait() {
             self.take_change(wanted, found);
@@ -185,7 +185,8 @@ impl Renderer {
             Event::Said(request) => {
                 // the other clients go on, whatever goes wrong here
                 let answered = catch_unwind(AssertUnwindSafe(|| self.answer(id, *request)));
-                let wrong = answered.unwrap_or_else(|_| Err((None, "the viewer failed at this; it goes on".into())));
+                let wrong = answered
+                    .unwrap_or_else(|_| Err((None, "an internal error stopped this; the viewer continues".into())));
                 if let (Err((number, message)), Some(client)) = (wrong, self.clients.get_mut(&id)) {
                     client.answer(Answer::Error { id: number, message });
                 }
@@ -206,7 +207,7 @@ impl Renderer {
             radius: around.sphere.radius,
             fov: around.lens.fov_x,
             size: [around.lens.width, around.lens.height],
-            others: self.others.iter().map(|other| other.told(run)).collect(),
+            others: self.others.iter().map(|other| other.describe(run)).collect(),
             clicks: self.space.field().is_some(),
             read_only: self.space.read_only(),
             in_training: self.space.live().is_some(),
@@ -218,9 +219,9 @@ impl Renderer {
     fn tell_document(&mut self) {
         self.cache.clear();
         let now = (self.space.run.step(), self.space.field().is_some());
-        if now != self.told {
-            let newer = now.0 != self.told.0;
-            self.told = now;
+        if now != self.announced {
+            let newer = now.0 != self.announced.0;
+            self.announced = now;
             self.tell_all(&self.welcome());
             // the selection belongs to the previous scene
             self.clients.values_mut().filter(|_| newer).for_each(Client::clear);
@@ -266,7 +267,7 @@ impl Renderer {
     fn show_newer(&mut self) {
         self.changed = Instant::now();
         self.cache.clear();
-        self.told.0 = self.space.run.step();
+        self.announced.0 = self.space.run.step();
         self.clients.values_mut().for_each(Client::clear);
     }
 

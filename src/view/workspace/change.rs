@@ -122,12 +122,12 @@ impl Workspace {
 /// A time outside [0, 1], or one at which nothing is visible.
 pub fn coarse(run: &OpenRun, segments: &mut RunSegments, time: f64, clusters: Option<usize>) -> Result<(), RunError> {
     if !(0.0..=1.0).contains(&time) {
-        return Err(RunError::input("time: between 0 and 1"));
+        return Err(RunError::input("time: must be between 0 and 1"));
     }
     let at = run.scene.host_at(time as f32);
     let options = CoarseOptions { clusters, ..CoarseOptions::default() };
     if segments.coarse(run, &at, time, &options)?.palette.is_empty() {
-        return Err(RunError::input("no segments: nothing shows at this time"));
+        return Err(RunError::input("no segments: nothing is visible at this time"));
     }
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! The viewed run with its segments and edits: one document for all clients and for commands that write to the run.
 
 mod change;
-mod told;
+mod document;
 
 pub use change::coarse;
 

@@ -9,7 +9,7 @@ use std::fs::File;
 use std::path::Path;
 
 /// Maximum distance accepted: products of a few such numbers are still finite.
-const FARTHEST: f64 = 1e30;
+const MAX_DISTANCE: f64 = 1e30;
 
 /// Checked sizes of the values of a file: nothing computed from them overflows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,12 +33,12 @@ impl Shape {
     /// A zero, or more voxels than this machine can address.
     pub fn new(path: &Path, field: &str, dims: [u64; 3], steps: u64, scalar: ScalarType) -> Result<Self, VolumeError> {
         if steps == 0 || dims.contains(&0) {
-            let problem = format!("{dims:?} voxels in {steps} steps holds nothing");
+            let problem = format!("{dims:?} voxels in {steps} steps hold no values");
             return Err(VolumeError::invalid(path, field, problem, "make every size at least 1"));
         }
         Self::checked(dims, steps, scalar).ok_or_else(|| {
             let problem =
-                format!("{dims:?} voxels of {} in {steps} steps is more than can be addressed", scalar.name());
+                format!("{dims:?} voxels of {} in {steps} steps are more than can be addressed", scalar.name());
             VolumeError::invalid(path, field, problem, "correct the sizes")
         })
     }
@@ -81,11 +81,11 @@ pub fn scalar_from_name(name: &str) -> Option<ScalarType> {
 /// # Errors
 /// A value that is not a number above 0, or outside the range of computation.
 pub fn check_spacing(path: &Path, field: &str, spacing: [f64; 3]) -> Result<[f64; 3], VolumeError> {
-    if spacing.iter().all(|s| (1.0 / FARTHEST..=FARTHEST).contains(s)) {
+    if spacing.iter().all(|s| (1.0 / MAX_DISTANCE..=MAX_DISTANCE).contains(s)) {
         return Ok(spacing);
     }
     let hint = "give three numbers above 0, from 1e-30 to 1e30";
-    Err(VolumeError::invalid(path, field, format!("{spacing:?} is no spacing"), hint))
+    Err(VolumeError::invalid(path, field, format!("{spacing:?} is not a valid spacing"), hint))
 }
 
 /// Checks an origin.
@@ -93,11 +93,11 @@ pub fn check_spacing(path: &Path, field: &str, spacing: [f64; 3]) -> Result<[f64
 /// # Errors
 /// A value that is not finite, or too large.
 pub fn check_origin(path: &Path, field: &str, origin: [f64; 3]) -> Result<[f64; 3], VolumeError> {
-    if origin.iter().all(|s| s.abs() <= FARTHEST) {
+    if origin.iter().all(|s| s.abs() <= MAX_DISTANCE) {
         return Ok(origin);
     }
     let hint = "give three finite numbers, up to 1e30";
-    Err(VolumeError::invalid(path, field, format!("{origin:?} is no position"), hint))
+    Err(VolumeError::invalid(path, field, format!("{origin:?} is not a valid position"), hint))
 }
 
 /// Opens a regular file for reading and returns its length in bytes.
@@ -159,7 +159,7 @@ pub fn check_step(path: &Path, step: usize, steps: usize) -> Result<(), VolumeEr
         return Ok(());
     }
     let problem = format!("there is no step {step}, the file has {steps}");
-    Err(VolumeError::invalid(path, "step", problem, "ask for a step from 0 on"))
+    Err(VolumeError::invalid(path, "step", problem, "steps are counted from 0"))
 }
 
 #[cfg(test)]
@@ -181,8 +181,8 @@ mod tests {
     #[cfg(target_os = "linux")]
     fn a_step_that_does_not_fit_into_memory_is_refused_before_it_is_allocated() {
         // as f32, a volume of bytes takes four times its file size
-        let told = reserve(Path::new("a.raw"), &mut Vec::new(), 1 << 44).unwrap_err().to_string();
-        assert!(told.contains("one step of 17592186044416 voxels") && told.contains("--memory"), "{told}");
+        let message = reserve(Path::new("a.raw"), &mut Vec::new(), 1 << 44).unwrap_err().to_string();
+        assert!(message.contains("one step of 17592186044416 voxels") && message.contains("--memory"), "{message}");
         let mut out = vec![1.0; 3];
         prepare(Path::new("a.raw"), &mut out, 5).unwrap();
         assert_eq!(out, [0.0; 5]);

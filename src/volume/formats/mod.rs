@@ -66,8 +66,8 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
         None => Err(VolumeError::invalid(
             path,
             "extension",
-            "is not that of a volume format",
-            format!("these are read: {READ}"),
+            "is not that of a supported volume format",
+            format!("supported are {READ}"),
         )),
     }
 }

@@ -34,7 +34,7 @@ const REWRITE: &str = "the file is damaged or truncated: copy or write it again"
 pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let name = path.to_string_lossy().to_ascii_lowercase();
     if [".hdr", ".img", ".hdr.gz", ".img.gz"].iter().any(|e| name.ends_with(e)) {
-        return Err(VolumeError::invalid(path, "format", "a .hdr/.img pair is not read", CONVERT));
+        return Err(VolumeError::invalid(path, "format", "a .hdr/.img pair is not supported", CONVERT));
     }
     let io_error = |e| VolumeError::io(path, "read the file", e, "check the disk");
     let (mut file, file_len) = common::open_file(path)?;
@@ -54,7 +54,7 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let held = if gz { file_len.saturating_mul(GZIP_RATIO) } else { file_len };
     if total.is_none_or(|n| n > held || usize::try_from(n).is_err()) {
         let problem =
-            format!("{:?} voxels in {steps} steps are more than the file of {file_len} bytes holds", grid.dims);
+            format!("{:?} voxels in {steps} steps are more than the file of {file_len} bytes can hold", grid.dims);
         return Err(VolumeError::invalid(path, "dim", problem, REWRITE));
     }
     let header = Header { grid, scalar: kind, steps, notes };
@@ -126,7 +126,7 @@ fn from_stream(path: &Path, mut src: impl Read) -> Result<NiftiHeader, VolumeErr
     src.read_exact(&mut bytes).map_err(|e| read_error(path, "header", e))?;
     let size = i32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
     if size == HEADER_2 || size.swap_bytes() == HEADER_2 {
-        return Err(VolumeError::invalid(path, "sizeof_hdr", "NIfTI-2 is not read", CONVERT));
+        return Err(VolumeError::invalid(path, "sizeof_hdr", "NIfTI-2 is not supported", CONVERT));
     }
     let header = NiftiHeader::from_reader(&bytes[..]).map_err(|e| match e {
         NiftiError::Io(e) => read_error(path, "header", e),
@@ -137,7 +137,7 @@ fn from_stream(path: &Path, mut src: impl Read) -> Result<NiftiHeader, VolumeErr
         return Err(VolumeError::invalid(path, "sizeof_hdr", problem, "give a NIfTI-1 file (.nii or .nii.gz)"));
     }
     if &header.magic != b"n+1\0" {
-        return Err(VolumeError::invalid(path, "magic", "the header of a .hdr/.img pair is not read", CONVERT));
+        return Err(VolumeError::invalid(path, "magic", "the header of a .hdr/.img pair is not supported", CONVERT));
     }
     Ok(header)
 }
@@ -156,8 +156,8 @@ fn kind(path: &Path, raw: &NiftiHeader) -> Result<ScalarType, VolumeError> {
         Ok(NiftiType::Float32) => ScalarType::F32,
         Ok(NiftiType::Float64) => ScalarType::F64,
         Ok(other) => {
-            let hint = "write one real number per voxel, of at most 64 bits (the magnitude, say)";
-            return bad(format!("{other:?} values are no scalar field"), hint);
+            let hint = "write one real number per voxel, of at most 64 bits (for example the magnitude)";
+            return bad(format!("{other:?} values are not a scalar field"), hint);
         }
         Err(_) => return bad(format!("unknown code {}", raw.datatype), "write float32 or an integer type"),
     };
@@ -202,13 +202,13 @@ fn grid(path: &Path, raw: &NiftiHeader, notes: &mut Vec<String>) -> Result<(Grid
             return Err(VolumeError::invalid(path, "pixdim", problem, "write finite, positive spacings"));
         }
         if spacing == 0.0 {
-            notes.push(format!("pixdim: spacing 0 along axis {a} taken as 1"));
+            notes.push(format!("pixdim: spacing 0 along axis {a} replaced by 1"));
         } else {
             grid.spacing[a] = spacing;
         }
     }
     if raw.xyzt_units != 0 {
-        notes.push("units ignored (xyzt_units): spacing in the file's own".to_owned());
+        notes.push("units ignored (xyzt_units): spacing is in the file's units".to_owned());
     }
     let (offset, aligned) = placement(raw);
     if offset.iter().all(|v| v.is_finite()) {
@@ -219,7 +219,7 @@ fn grid(path: &Path, raw: &NiftiHeader, notes: &mut Vec<String>) -> Result<(Grid
     common::check_spacing(path, "pixdim", grid.spacing)?;
     common::check_origin(path, "offset of the first voxel", grid.origin)?;
     if !aligned {
-        notes.push("orientation ignored: axes as stored".to_owned());
+        notes.push("orientation ignored: the axes are used as stored".to_owned());
     }
     Ok((grid, size(3)))
 }

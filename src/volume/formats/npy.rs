@@ -43,13 +43,13 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let width = match start[6] {
         1 => 2,
         2 | 3 => 4,
-        v => return Err(bad("version", format!("{v} is not known"), again)),
+        v => return Err(bad("version", format!("{v} is not supported"), again)),
     };
     let mut length = [0u8; 4];
     file.read_exact(&mut length[..width]).map_err(short)?;
     let length = u32::from_le_bytes(length) as usize;
     if length > MAX_HEADER {
-        return Err(bad("header", format!("claims {length} bytes, at most {MAX_HEADER} are read"), again));
+        return Err(bad("header", format!("claims {length} bytes, at most {MAX_HEADER} are supported"), again));
     }
     let mut text = vec![0; length];
     file.read_exact(&mut text).map_err(short)?;
@@ -60,8 +60,8 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
         return Err(bad("header", "lacks descr, fortran_order or shape".into(), again));
     };
     let (scalar, endian) = scalar_of(&descr).ok_or_else(|| {
-        let hint = "save it with .astype(\"float32\"); bool, 8 to 32-bit integers, float32 and float64 are read";
-        bad("descr", format!("the type '{descr}' is not read"), hint)
+        let hint = "save it with .astype(\"float32\"); bool, 8 to 32-bit integers, float32 and float64 are supported";
+        bad("descr", format!("the type '{descr}' is not supported"), hint)
     })?;
     let (dims, steps) = match axes[..] {
         [z, y, x] => ([x, y, z], 1),
@@ -177,7 +177,7 @@ fn dictionary(text: &str) -> Result<Fields, String> {
                 let (list, after) = inner.ok_or("has a shape that is not a tuple")?;
                 let sizes = list.split(',').map(str::trim).filter(|s| !s.is_empty());
                 let sizes: Result<Vec<u64>, _> = sizes.map(|s| s.trim_end_matches('L').parse()).collect();
-                fields.shape = Some(sizes.map_err(|_| format!("has a shape of no whole numbers, ({list})"))?);
+                fields.shape = Some(sizes.map_err(|_| format!("has a shape that is not of whole numbers, ({list})"))?);
                 after
             }
             other => return Err(format!("has an unknown key {other}")),

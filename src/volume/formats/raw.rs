@@ -43,7 +43,7 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
             "write {name}.toml beside it (or volume.toml for the whole folder), for example: \
              dims = [256, 256, 128]  # x, y, z\ntype = \"u8\"\nendian = \"little\"\nspacing = [1.0, 1.0, 1.0]"
         );
-        return Err(VolumeError::invalid(path, "sidecar", "there is none, so the sizes are not known", hint));
+        return Err(VolumeError::invalid(path, "sidecar", "is missing, so the sizes are unknown", hint));
     };
     let fields: RawSidecar = sidecar::read(&side)?;
     let scalar = common::scalar_from_name(&fields.scalar).ok_or_else(|| {
@@ -74,7 +74,8 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let shape = Shape::new(&side, "dims", dims, steps, scalar)?;
     let offset = fields.offset.unwrap_or(0);
     let expected = offset.checked_add(shape.total_bytes).ok_or_else(|| {
-        VolumeError::invalid(&side, "offset", format!("{offset} is too large"), "give the bytes before the values")
+        let hint = "give the number of bytes before the values";
+        VolumeError::invalid(&side, "offset", format!("{offset} is too large"), hint)
     })?;
     if expected != found {
         let problem = format!(

@@ -79,7 +79,7 @@ pub fn npy(descr: &str, fortran: &str, shape: &str, data: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn unknown_extension_lists_what_is_read() {
+fn unknown_extension_lists_supported_formats() {
     let message = refused(Path::new("a.tiff"));
     assert!(message.contains(".nrrd") && message.contains(".nii.gz"), "{message}");
     assert_eq!(format_of(Path::new("A.NII.GZ")), Some((Format::Nifti, 7)));
@@ -87,7 +87,7 @@ fn unknown_extension_lists_what_is_read() {
 }
 
 #[test]
-fn raw_with_everything_said() {
+fn raw_with_every_field_given() {
     let d = dir();
     let toml = "dims = [2, 1, 2, 2]\ntype = \"uint16\"\nendian = \"big\"\nspacing = [1, 2.5, 3]\norigin = [-1, 0, 4]\noffset = 3";
     let p = raw(&d, &[9, 9, 9, 0, 1, 0, 2, 0, 3, 0, 4, 1, 0, 0, 6, 0, 7, 0, 8], toml);
@@ -139,7 +139,7 @@ fn raw_errors() {
         ("dims=[2,2,2]\ntype='u8'\norigin=[nan,1,1]", "origin"),
         ("dims=[2,2,2]\ntype='u8'\nflip=true", "flip"),
         ("dims=[2,2,2,1]\ntype='u8'\nsteps=2", "steps"),
-        ("dims=[0,2,2]\ntype='u8'", "holds nothing"),
+        ("dims=[0,2,2]\ntype='u8'", "hold no values"),
         ("dims=[4294967296,4294967296,4294967296]\ntype='u8'", "more than can be addressed"),
         ("dims=[100000,100000,100000]\ntype='u8'", "expected 1000000000000000 bytes"),
         ("dims=[2,2,2]\ntype='u8'\noffset=9223372036854775807", "offset"),
@@ -204,7 +204,7 @@ fn npy_errors() {
         (deep, "not a dictionary"),
         (npy("<i8", "False", "1,1,1", &[0; 8]), "astype"),
         (npy("<c8", "False", "1,1,1", &[0; 8]), "astype"),
-        (npy("", "False", "1,1,1", &[0; 8]), "is not read"),
+        (npy("", "False", "1,1,1", &[0; 8]), "is not supported"),
         (npy("|u1", "False", "4, 4", &[0; 16]), "2 axes"),
         (npy("|u1", "Maybe", "1,1,1", &[0; 1]), "fortran_order"),
         (npy("|u1", "False", "1,1,-1", &[0; 1]), "shape"),

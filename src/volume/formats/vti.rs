@@ -91,7 +91,7 @@ fn choose<'a>(path: &Path, doc: &'a Document, notes: &mut Vec<String>) -> Result
         return Ok((array, false));
     }
     if let Some(array) = choose_in(&doc.cell, "CellData", notes) {
-        notes.push("values sit on cells: the grid is one smaller, at the cell centres".to_owned());
+        notes.push("values are on cells: the grid is one smaller, at the cell centres".to_owned());
         return Ok((array, true));
     }
     let hint = "write an array with one component into PointData";
@@ -113,7 +113,7 @@ fn choose_in<'a>(section: &'a Section, place: &str, notes: &mut Vec<String>) -> 
         }
         if !scalars.is_empty() {
             notes.push(format!(
-                "the active array \"{active}\" of {place} is missing or has several components: passed over"
+                "the active array \"{active}\" of {place} is missing or has several components: skipped"
             ));
         }
     }
@@ -128,7 +128,7 @@ fn choose_in<'a>(section: &'a Section, place: &str, notes: &mut Vec<String>) -> 
 fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Result<Grid, VolumeError> {
     let extent = doc.piece_extent;
     if extent != doc.whole_extent {
-        notes.push("the piece covers part of WholeExtent: read that part".to_owned());
+        notes.push("the piece covers part of WholeExtent: only that part is read".to_owned());
     }
     if doc.turned {
         notes.push("orientation ignored: Direction is not the identity".to_owned());
@@ -141,7 +141,7 @@ fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Re
             return Err(VolumeError::invalid(
                 path,
                 "Extent",
-                format!("axis {a} runs from {lo} to {hi}: no voxel"),
+                format!("axis {a} runs from {lo} to {hi}: no voxels"),
                 "write each axis as first and last index",
             ));
         }
@@ -186,7 +186,7 @@ fn layout(path: &Path, doc: &Document, array: &Array, dims: [usize; 3], file_len
                 return Err(bad(problem, "the file is truncated: copy or write it again"));
             };
             let start = origin.checked_add(array.offset).filter(|s| *s < file_len).ok_or_else(|| {
-                bad(format!("offset {} lies past the end of the file", array.offset), "copy or write the file again")
+                bad(format!("offset {} is past the end of the file", array.offset), "copy or write the file again")
             })?;
             (if raw { Encoding::Raw } else { Encoding::Base64 }, start, file_len - start)
         }

@@ -13,17 +13,17 @@ pub struct Bins {
 }
 
 impl Bins {
-    /// At most `most` bins over the data values `span`. Of `whole` numbers each bin covers equally many, so that none
-    /// stays empty or is twice as high because of where its edges fall.
+    /// At most `max_count` bins over the data values `span`. Of `whole` numbers each bin covers equally many, so that
+    /// none stays empty or is twice as high because of where its edges fall.
     #[must_use]
-    pub fn new(span: [f64; 2], whole: bool, most: usize) -> Self {
+    pub fn new(span: [f64; 2], whole: bool, max_count: usize) -> Self {
         let [first, last] = [span[0].ceil(), span[1].floor()];
         let exact = first.abs() < EXACT && last.abs() < EXACT;
-        if !whole || !exact || last < first || most == 0 {
-            return Self { count: most, range: span };
+        if !whole || !exact || last < first || max_count == 0 {
+            return Self { count: max_count, range: span };
         }
         let values = last - first + 1.0;
-        let width = (values / most as f64).ceil();
+        let width = (values / max_count as f64).ceil();
         let count = (values / width).ceil();
         Self { count: count as usize, range: [first - 0.5, first - 0.5 + count * width] }
     }

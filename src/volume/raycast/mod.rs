@@ -32,7 +32,7 @@ use table::Table;
 /// Side of a tile in pixels; a tile is one task.
 const TILE: usize = 16;
 /// Minimum number of tiles whose rays are held at a time: enough for all threads, however large the image is.
-const HELD: usize = 1024;
+const MIN_TILES: usize = 1024;
 /// A ray ends when less light than this remains: below half a level of eight bits.
 const OPAQUE: f32 = 1e-3;
 /// Number of entries of the table of highlights.
@@ -181,7 +181,7 @@ impl RayCaster {
         let rays = Rays::new(camera);
         let columns = width.div_ceil(TILE);
         let count = columns * height.div_ceil(TILE);
-        let block = columns * HELD.div_ceil(columns.max(1));
+        let block = columns * MIN_TILES.div_ceil(columns.max(1));
         let cast = |tile: usize| -> Option<Vec<Ray>> {
             if stop.is_some_and(|s| s.load(Ordering::Relaxed)) {
                 return None;

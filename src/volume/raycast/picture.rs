@@ -87,19 +87,19 @@ impl Shares {
     }
 
     fn keep(&mut self, segment: u16, weight: f32) {
-        let mut least = 0;
+        let mut smallest = 0;
         for i in 0..KEPT {
             if self.weights[i] > 0.0 && self.ids[i] == segment {
                 self.weights[i] += weight;
                 return;
             }
-            if self.weights[i] < self.weights[least] {
-                least = i;
+            if self.weights[i] < self.weights[smallest] {
+                smallest = i;
             }
         }
-        if weight > self.weights[least] {
-            self.ids[least] = segment;
-            self.weights[least] = weight;
+        if weight > self.weights[smallest] {
+            self.ids[smallest] = segment;
+            self.weights[smallest] = weight;
         }
     }
 

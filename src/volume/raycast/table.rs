@@ -9,7 +9,7 @@ use crate::volume::transfer::TransferFunction;
 /// Number of entries of the table.
 const ENTRIES: usize = 4096;
 /// Opacities are kept below one, whose extinction would be infinite.
-const MOST: f64 = 0.999_999;
+const MAX_OPACITY: f64 = 0.999_999;
 
 /// Colour and extinction by data value.
 #[derive(Debug)]
@@ -31,7 +31,7 @@ impl Table {
         let mut sum = [0.0; 4];
         sums.push(sum);
         for e in transfer.table(ENTRIES) {
-            let extinction = -steps * (-f64::from(e[3]).min(MOST)).ln_1p();
+            let extinction = -steps * (-f64::from(e[3]).min(MAX_OPACITY)).ln_1p();
             (0..3).for_each(|c| sum[c] += extinction * f64::from(e[c]));
             sum[3] += extinction;
             sums.push(sum);

@@ -151,7 +151,7 @@ fn skipping_and_threads_change_no_bit() {
 }
 
 #[test]
-fn large_images_are_whole_and_stop_within() {
+fn large_images_are_complete_and_can_be_interrupted() {
     let v = volume([12; 3], bumpy);
     let tf = plain(&[(0.2, 0.0), (0.3, 0.4)]);
     let camera = Camera::look_at(-DVec3::Y * RADIUS, DVec3::ZERO, DVec3::Z, FOV_X, 700, 530);

@@ -58,7 +58,7 @@ fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
         files.retain(|f| !bare(f));
     }
     if files.is_empty() {
-        let hint = format!("these are read: {}", formats::READ);
+        let hint = format!("supported are {}", formats::READ);
         return Err(VolumeError::invalid(path, "folder", "holds no volume file", hint));
     }
     sort(&mut files);
@@ -105,7 +105,7 @@ pub fn check_order(files: &[PathBuf], allow_gaps: bool) -> Result<bool, VolumeEr
     let stems: Vec<String> = files.iter().map(|f| stem(f)).collect();
     let names = Names::of(&stems);
     if let Some(i) = names.first_unsorted() {
-        let problem = format!("unsorted: its {} {} follows {}", names.kind(i), names.said(i), names.said(i - 1));
+        let problem = format!("unsorted: its {} {} follows {}", names.kind(i), names.written(i), names.written(i - 1));
         let problem = format!("{problem} of {}", files[i - 1].display());
         let hint = "name the files of one series in order of time, or give the folder or a pattern in quotes (\"t*.nrrd\"), \
                     which sorts t2 before t10";

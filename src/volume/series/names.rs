@@ -157,7 +157,7 @@ impl<'a> Names<'a> {
     }
 
     /// What gives the step in name `i`, as written there.
-    pub fn said(&self, i: usize) -> String {
+    pub fn written(&self, i: usize) -> String {
         let text = |p: &Piece<'_>| match p {
             Piece::Text(text) => (*text).to_owned(),
             Piece::Number(Number { whole, fraction: "" }) => (*whole).to_owned(),
@@ -228,7 +228,7 @@ mod tests {
     fn unsorted(names: &[&str]) -> Option<String> {
         let stems: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
         let names = Names::of(&stems);
-        names.first_unsorted().map(|i| format!("{} {}", names.kind(i), names.said(i)))
+        names.first_unsorted().map(|i| format!("{} {}", names.kind(i), names.written(i)))
     }
 
     #[test]
@@ -254,12 +254,12 @@ mod tests {
             }
             assert_eq!(unsorted(&right), None, "{right:?}");
             let [a, b, c, d] = right;
-            assert!(unsorted(&[a, c, b, d]).is_some_and(|said| said.len() > 7), "{right:?}");
+            assert!(unsorted(&[a, c, b, d]).is_some_and(|text| text.len() > 7), "{right:?}");
         }
     }
 
     #[test]
-    fn what_is_out_of_order_is_said_as_it_is_written() {
+    fn names_out_of_order_are_reported_as_written() {
         assert_eq!(unsorted(&["t0.5", "t0.25"]).unwrap(), "number 0.25");
         assert_eq!(unsorted(&["2020-02-01", "2020-01-31"]).unwrap(), "date 2020-01-31");
         assert_eq!(unsorted(&["t10", "t9"]).unwrap(), "number 9");
@@ -299,7 +299,7 @@ mod tests {
             assert_eq!(all, (0..names.len()).collect::<Vec<_>>());
             let found = Names::of(&names);
             if let Some(i) = found.first_unsorted() {
-                assert!(!found.said(i).is_empty());
+                assert!(!found.written(i).is_empty());
             }
             found.steps();
         }

@@ -261,8 +261,8 @@ fn many_small_compressed_steps_are_unpacked_together() {
     let with_nan = |k: usize| if k == 2 * steps - 1 { f32::NAN } else { k as f32 };
     let sizes = format!("2 1 1 {steps}");
     let file = packed(&d, "nan.nrrd", &sizes, "domain domain domain time", (0..2 * steps).map(with_nan));
-    let told = open(std::slice::from_ref(&file)).unwrap().range().unwrap_err().to_string();
-    assert!(told.contains("nan.nrrd[999999]") && told.contains("x=1 y=0 z=0"), "{told}");
+    let message = open(std::slice::from_ref(&file)).unwrap().range().unwrap_err().to_string();
+    assert!(message.contains("nan.nrrd[999999]") && message.contains("x=1 y=0 z=0"), "{message}");
     let options = SeriesOptions { nan_as: Some(-1.0), ..SeriesOptions::default() };
     assert_eq!(Series::open(&[file], &options).unwrap().range().unwrap(), [-1.0, 1_999_998.0]);
 }
@@ -295,12 +295,12 @@ fn compressed_files_that_would_be_unpacked_for_days_are_refused() {
     let steps = 2_000_000;
     let file =
         packed(&d, "a.nrrd", &format!("{steps} 1 1 1"), "time domain domain domain", std::iter::repeat_n(0.0, steps));
-    let told = refused(&[file]);
-    assert!(told.contains("encoding") && told.contains("time as the last axis"), "{told}");
+    let message = refused(&[file]);
+    assert!(message.contains("encoding") && message.contains("time as the last axis"), "{message}");
 }
 
 #[test]
-fn values_beyond_single_precision_are_called_so() {
+fn values_beyond_single_precision_are_reported() {
     let d = dir();
     let path = d.path().join("wide.nrrd");
     let head = "NRRD0004\ntype: double\ndimension: 3\nsizes: 2 1 1\nendian: little\nencoding: raw\n\n";
@@ -309,16 +309,16 @@ fn values_beyond_single_precision_are_called_so() {
     {
         let data: Vec<u8> = [1.0, value].iter().flat_map(|v: &f64| v.to_le_bytes()).collect();
         write(&path, [head.as_bytes(), &data].concat()).unwrap();
-        let told = open(&[here(&d, "wide.nrrd")]).unwrap().load(0).unwrap_err().to_string();
-        assert!(told.contains(words) && told.contains("x=1 y=0 z=0"), "{told}");
+        let message = open(&[here(&d, "wide.nrrd")]).unwrap().load(0).unwrap_err().to_string();
+        assert!(message.contains(words) && message.contains("x=1 y=0 z=0"), "{message}");
     }
 }
 
 #[test]
-fn spacings_that_cannot_be_computed_with_are_refused() {
+fn spacings_out_of_range_are_refused() {
     let d = dir();
     for spacings in ["1e-320 1 1", "1 1e300 1", "1 1 0"] {
-        let told = refused(&[with(&d, "s.nrrd", "2 2 1", spacings, &[0.0; 4])]);
-        assert!(told.contains("spacings") && told.contains("no spacing"), "{told}");
+        let message = refused(&[with(&d, "s.nrrd", "2 2 1", spacings, &[0.0; 4])]);
+        assert!(message.contains("spacings") && message.contains("not a valid spacing"), "{message}");
     }
 }

@@ -108,8 +108,8 @@ mod tests {
             for (k, a) in lines.iter().enumerate() {
                 prop_assert!(a.iter().flatten().all(|c| c.abs() < 0.85));
                 for b in &lines[..k] {
-                    let least = a.iter().flat_map(|p| b.iter().map(move |q| norm(sub(*p, *q)))).fold(f64::INFINITY, f64::min);
-                    prop_assert!(least > 3.0 * RADIUS, "{k}: {least}");
+                    let gap = a.iter().flat_map(|p| b.iter().map(move |q| norm(sub(*p, *q)))).fold(f64::INFINITY, f64::min);
+                    prop_assert!(gap > 3.0 * RADIUS, "{k}: {gap}");
                 }
             }
         }

@@ -110,15 +110,15 @@ impl Slice<'_> {
     /// Value and label at one point of the slice, before the window of the box.
     pub(super) fn at(&self, x: f64, y: f64) -> (f64, u16) {
         let mut value = 0.0;
-        let (mut most, mut label) = (0.0, 0);
+        let (mut highest, mut label) = (0.0, 0);
         for k in 0..PLUMES.len() {
             let own = self.plume(k, x, y);
             if own <= 0.0 {
                 continue;
             }
             value = smooth_max(value, own, 0.03 * step(own / 0.05));
-            if own > most {
-                (most, label) = (own, k as u16 + 1);
+            if own > highest {
+                (highest, label) = (own, k as u16 + 1);
             }
         }
         (value, label)

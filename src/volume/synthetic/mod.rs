@@ -124,7 +124,7 @@ impl Synthetic {
             Self::Jets => "five turbulent plumes rise, mushroom and merge near the top",
             Self::Vortices => "vortex tubes split, join, vanish and appear inside two translucent shells",
             Self::Shells => "nested deforming layers hide a core and a small orbiting seed",
-            Self::Layers => "a translucent shell, a body and a core, each of another shape, deform and move",
+            Self::Layers => "a translucent shell, a body and a core, each of a different shape, deform and move",
             Self::Beads => "beads of one colour touch, merge, part and split",
             Self::Filaments => "thin curved filaments in two colours turn, sway and bend",
         }

@@ -45,10 +45,10 @@ impl Frame {
         let [x, y, z] = n;
         let long = 1.5 * z * z - 0.5;
         // away from a layer's surface its step is 0 or 1 and its shape is not needed
-        let layer = |least: f64, most: f64, shape: &dyn Fn() -> f64| {
-            if radius < least {
+        let layer = |min: f64, max: f64, shape: &dyn Fn() -> f64| {
+            if radius < min {
                 1.0
-            } else if radius > most {
+            } else if radius > max {
                 0.0
             } else {
                 step(0.5 + (shape() - radius) / LAYER_WIDTH)

@@ -138,16 +138,16 @@ impl Slice<'_> {
         let outer = step(0.5 - ellipsoid(p, self.frame.outer) / SHELL_WIDTH);
         let inner = step(0.5 - ellipsoid(p, self.frame.inner) / SHELL_WIDTH);
         let mut tubes = 0.0;
-        let (mut most, mut label) = (0.0, 0);
+        let (mut highest, mut label) = (0.0, 0);
         for (tube, (&peak, &d)) in PEAKS.iter().zip(&outside).enumerate() {
             let rise = peak - 2.0 * SHELL_RISE - HEART;
             let own = rise * step(0.5 - d / FLANK) + HEART * step((0.02 - d) / 0.09);
             tubes = smooth_max(tubes, own, own.min(0.02));
-            if own > most {
-                (most, label) = (own, tube as u16 + 1);
+            if own > highest {
+                (highest, label) = (own, tube as u16 + 1);
             }
         }
-        if most < 0.05 {
+        if highest < 0.05 {
             // a shell is where the value rises; the space between them is no segment
             label = match (rising(inner), rising(outer)) {
                 (true, _) => SHELL_INNER,

@@ -185,7 +185,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn spaces_turn_back(rgb in prop::array::uniform3(0.0..=1.0f64)) {
+        fn spaces_round_trip(rgb in prop::array::uniform3(0.0..=1.0f64)) {
             for back in [lab_to_rgb(rgb_to_lab(rgb)), hsv_to_rgb(rgb_to_hsv(rgb)), mix_diverging(rgb, rgb, 0.3)] {
                 for c in 0..3 {
                     prop_assert!((back[c] - rgb[c]).abs() < 2e-3, "{:?} {:?}", back, rgb);

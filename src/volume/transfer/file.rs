@@ -74,7 +74,7 @@ pub(super) fn parse(text: &str, path: &Path) -> Result<TransferFunction, VolumeE
     let document: Document = toml::from_str(text).map_err(|e| {
         let before = e.span().and_then(|s| text.get(..s.start)).unwrap_or("");
         let line = before.bytes().filter(|b| *b == b'\n').count() + 1;
-        wrong(&format!("line {line}"), e.message().replace('\n', " "), "mend the TOML there")
+        wrong(&format!("line {line}"), e.message().replace('\n', " "), "correct the TOML there")
     })?;
     let opacity = points(path, "opacity", &document.opacity, "a number in [0, 1]", |v| number(v).map(|v| v as f32))?;
     let colors = match (&document.colors, &document.colormap) {
@@ -95,7 +95,8 @@ pub(super) fn parse(text: &str, path: &Path) -> Result<TransferFunction, VolumeE
     for (i, segment) in document.segments.iter().enumerate() {
         let color = segment.color.as_ref().map(|value| {
             let field = format!("segments[{i}].color");
-            color_of(value).ok_or_else(|| wrong(&field, format!("{value} is no color"), &format!("write {COLOR_HINT}")))
+            color_of(value)
+                .ok_or_else(|| wrong(&field, format!("{value} is not a color"), &format!("write {COLOR_HINT}")))
         });
         segments.push(SegmentRange { name: segment.name.clone(), range: segment.range, color: color.transpose()? });
     }
@@ -143,8 +144,8 @@ fn points<T>(
         };
         let list = entry.as_array().map(Vec::as_slice);
         let Some([position, value]) = list else { return Err(wrong(format!("{entry} is not a pair"))) };
-        let position = number(position).ok_or_else(|| wrong(format!("{position} is no position")))?;
-        Ok((position, value_of(value).ok_or_else(|| wrong(format!("{value} is no value")))?))
+        let position = number(position).ok_or_else(|| wrong(format!("{position} is not a position")))?;
+        Ok((position, value_of(value).ok_or_else(|| wrong(format!("{value} is not a valid value")))?))
     };
     list.iter().enumerate().map(pair).collect()
 }
@@ -208,7 +209,7 @@ fn check_range(field: &str, [low, high]: [f64; 2], path: &Path) -> Result<(), Vo
     if low < high && (high - low).is_finite() {
         return Ok(());
     }
-    let problem = format!("{low} to {high} is no range");
+    let problem = format!("{low} to {high} is not a valid range");
     Err(VolumeError::invalid(path, field, problem, "write [low, high] with low below high, both finite"))
 }
 
@@ -225,28 +226,28 @@ pub(super) fn check(function: &TransferFunction, path: &Path) -> Result<(), Volu
     let own = own.filter_map(|(i, s)| s.color.map(|c| (format!("segments[{i}].color"), c)));
     for (field, value) in colors.chain(own) {
         if !value.iter().all(|v| (0.0..=1.0).contains(v)) {
-            return wrong(field, format!("{value:?} is no color"), "keep each channel in [0, 1]");
+            return wrong(field, format!("{value:?} is not a color"), "keep each channel in [0, 1]");
         }
     }
     for (i, (_, value)) in function.opacity.iter().enumerate() {
         if !(0.0..=1.0).contains(value) {
-            return wrong(format!("opacity[{i}]"), format!("{value} is no opacity"), "keep it in [0, 1]");
+            return wrong(format!("opacity[{i}]"), format!("{value} is not an opacity"), "keep it in [0, 1]");
         }
     }
     if !(function.unit_length > 0.0 && function.unit_length.is_finite()) {
-        let problem = format!("{} is no length", function.unit_length);
+        let problem = format!("{} is not a valid length", function.unit_length);
         return wrong("unit_length".to_owned(), problem, "write a fraction of the longest side above 0, such as 0.01");
     }
     let Shading { ambient, diffuse, specular, power, .. } = function.shading;
-    for (field, value, least) in [
+    for (field, value, min) in [
         ("ambient", ambient, 0.0),
         ("diffuse", diffuse, 0.0),
         ("specular", specular, 0.0),
         ("power", power, f32::MIN_POSITIVE),
     ] {
-        if !(value >= least && value.is_finite()) {
+        if !(value >= min && value.is_finite()) {
             let hint =
-                if least > 0.0 { "write a number above 0, at most 3.4e38" } else { "write a number from 0 to 3.4e38" };
+                if min > 0.0 { "write a number above 0, at most 3.4e38" } else { "write a number from 0 to 3.4e38" };
             return wrong(format!("shading.{field}"), format!("{value} cannot be used"), hint);
         }
     }
@@ -259,11 +260,11 @@ fn check_segments(segments: &[SegmentRange], path: &Path) -> Result<(), VolumeEr
     for (i, segment) in segments.iter().enumerate() {
         check_name(&format!("segments[{i}].name"), &segment.name, path)?;
         if !names.insert(&segment.name) {
-            return wrong(format!("segments[{i}].name"), format!("{:?} is there twice", segment.name), "rename one");
+            return wrong(format!("segments[{i}].name"), format!("{:?} is used twice", segment.name), "rename one");
         }
         let [low, high] = segment.range;
         if !(low >= 0.0 && low < high && high <= 1.0) {
-            let problem = format!("{low} to {high} is no part of the fractions 0 to 1");
+            let problem = format!("{low} to {high} is not a range within 0 to 1");
             return wrong(format!("segments[{i}].range"), problem, "write [low, high] with low below high in [0, 1]");
         }
         let clash = segments[..i].iter().find(|other| low < other.range[1] && other.range[0] < high);
@@ -281,7 +282,7 @@ fn check_name(field: &str, name: &str, path: &Path) -> Result<(), VolumeError> {
         return Ok(());
     }
     let hint = format!("use a-z, 0-9, - and _, such as {:?}", slug(name));
-    Err(VolumeError::invalid(path, field, format!("{name:?} is no name"), hint))
+    Err(VolumeError::invalid(path, field, format!("{name:?} is not a valid name"), hint))
 }
 
 fn check_positions(field: &str, positions: impl Iterator<Item = f64>, path: &Path) -> Result<(), VolumeError> {

@@ -114,11 +114,11 @@ impl Lighting {
     pub fn check(self) -> Result<(), String> {
         for (key, value) in [("ambient", self.ambient), ("diffuse", self.diffuse), ("specular", self.specular)] {
             if let Some(value) = value.filter(|v| !(*v >= 0.0 && v.is_finite())) {
-                return Err(format!("{key} = {value}: a number from 0"));
+                return Err(format!("{key} = {value}: must be finite and at least 0"));
             }
         }
         match self.power.filter(|v| !(*v > 0.0 && v.is_finite())) {
-            Some(value) => Err(format!("power = {value}: a number above 0")),
+            Some(value) => Err(format!("power = {value}: must be finite and above 0")),
             None => Ok(()),
         }
     }

@@ -63,7 +63,7 @@ fn parse(text: &str, name: Option<&str>, path: &Path) -> Result<TransferFunction
     let wrong = |field: &str, problem: String, hint: &str| VolumeError::invalid(path, field, problem, hint);
     let export = "export the color map from ParaView again";
     let value: Value = serde_json::from_str(text)
-        .map_err(|e| wrong(&format!("line {}", e.line()), format!("is no JSON: {e}"), export))?;
+        .map_err(|e| wrong(&format!("line {}", e.line()), format!("is not JSON: {e}"), export))?;
     let maps = match value {
         Value::Array(maps) => maps,
         map => vec![map],
@@ -91,11 +91,11 @@ fn parse(text: &str, name: Option<&str>, path: &Path) -> Result<TransferFunction
     };
     let points = spread(list, path, &field("RGBPoints"))?;
     if let Some((i, _)) = points.iter().enumerate().find(|(_, p)| !p.1.iter().all(|v| (0.0..=1.0).contains(v))) {
-        let problem = format!("the color of point {i} by position is outside [0, 1]");
+        let problem = format!("the color of point {i}, counted by position, is outside [0, 1]");
         return Err(wrong(&field("RGBPoints"), problem, "write x, r, g, b with channels in [0, 1]"));
     }
     let space = space_of(&map).ok_or_else(|| {
-        let problem = format!("{:?} is not known", map.color_space.as_deref().unwrap_or(""));
+        let problem = format!("{:?} is not supported", map.color_space.as_deref().unwrap_or(""));
         wrong(&field("ColorSpace"), problem, "use RGB, HSV, Lab, CIELAB, LabCIEDE2000, Diverging or Step")
     })?;
     let opacity = match &map.points {

@@ -89,7 +89,7 @@ fn spaces_differ_where_they_should() {
 #[test]
 fn every_mistake_names_its_field() {
     let cases = [
-        ("{", "line 1: is no JSON"),
+        ("{", "line 1: is not JSON"),
         ("[]", "Name: there is no color map"),
         ("[3]", "the fields"),
         (r#"{"Name":"a"}"#, "RGBPoints of \"a\""),
@@ -99,7 +99,7 @@ fn every_mistake_names_its_field() {
         (r#"{"Name":"a","RGBPoints":["x"]}"#, "the fields"),
         (r#"{"Name":"a","RGBPoints":[0,1,1,1,0,0,0,0]}"#, "from 0 to 0"),
         (r#"{"Name":"a","RGBPoints":[0,1,1,1,1,0,0,255]}"#, "outside [0, 1]"),
-        (r#"{"Name":"a","RGBPoints":[0,1,1,1,1,0,0,0],"ColorSpace":"XYZ"}"#, "\"XYZ\" is not known"),
+        (r#"{"Name":"a","RGBPoints":[0,1,1,1,1,0,0,0],"ColorSpace":"XYZ"}"#, "\"XYZ\" is not supported"),
         (r#"{"Name":"a","RGBPoints":[0,1,1,1,1,0,0,0],"Points":[0,0,0.5]}"#, "Points of \"a\""),
         (r#"{"Name":"a","RGBPoints":[0,1,1,1,1,0,0,0],"Points":[0,7,0.5,0,1,1,0.5,0]}"#, "opacity[0]: 7"),
     ];

@@ -104,10 +104,10 @@ fn a_sweep_on_slurm() {
     write_dataset(&root.join("data"));
     let site = Site { cluster, root };
     // Slurm takes more than a minute to check the limit: the other tests run meanwhile
-    let late = a_task_begins(&site);
+    let late = start_the_late_task(&site);
     two_submissions_at_once(&site, late);
     a_cancelled_task(&site, late);
-    it_is_out_of_time(&site, late);
+    the_late_task_is_out_of_time(&site, late);
 }
 
 fn two_submissions_at_once(site: &Site, late: u64) {
@@ -128,7 +128,7 @@ fn two_submissions_at_once(site: &Site, late: u64) {
     assert_eq!(logs.lines().filter(|l| *l == "done").count(), 4, "{logs}");
     let tasks: usize =
         jobs.iter().flat_map(|j| j.as_array().unwrap()).map(|j| j["tasks"].as_array().unwrap().len()).sum();
-    let passed = logs.lines().filter(|l| *l == "done before" || l.ends_with("has this run")).count();
+    let passed = logs.lines().filter(|l| *l == "already done" || l.ends_with("holds this run")).count();
     assert_eq!(4 + passed, tasks, "{logs}");
     // nothing is left to submit
     assert_eq!(site.submit(&file, &profile), Value::Array(Vec::new()));
@@ -151,7 +151,7 @@ fn a_cancelled_task(site: &Site, late: u64) {
     site.submit(&file, &profile);
     site.wait(&file, "done after another submission", all("done"));
     let order = steps(&site.logs("cancelled"));
-    println!("cancelled at step {before} or later, gone on with from its checkpoint to step {}", order.last().unwrap());
+    println!("cancelled at step {before} or later, resumed from its checkpoint to step {}", order.last().unwrap());
     assert!(order.windows(2).all(|w| w[0] < w[1]), "a step was taken twice: {order:?}");
 }
 
@@ -160,25 +160,25 @@ fn late(site: &Site) -> PathBuf {
     site.file("late", "[grid]\n'stages.joint_steps' = [1000000]")
 }
 
-fn a_task_begins(site: &Site) -> u64 {
+fn start_the_late_task(site: &Site) -> u64 {
     // Slurm checks every 30 s and warns up to 30 s early: with a limit of one minute it may warn before the script
     // runs, and then never again
     let profile = site.profile("time = '2'\ngrace = 60\ncpus = 1");
     site.submit(&late(site), &profile)[0]["job"].as_u64().unwrap()
 }
 
-fn it_is_out_of_time(site: &Site, job: u64) {
+fn the_late_task_is_out_of_time(site: &Site, job: u64) {
     // steps before and after the last warning; on a busy machine the first warning may come before the first step
     let around = || {
         let logs = site.logs("late");
         let (before, after) = logs.rsplit_once("queued again")?;
         Some((*steps(before).last()?, *steps(after).first()?))
     };
-    site.wait(&late(site), "going on after the warning before the time limit", |_| around().is_some());
+    site.wait(&late(site), "resumed after the warning before the time limit", |_| around().is_some());
     let (before, after) = around().unwrap();
     site.cluster.call("scancel", &[&job.to_string()]);
     site.cluster.wait_until_empty(None);
     let order = steps(&site.logs("late"));
-    println!("out of time after step {before}, requeued, gone on with from step {after}");
+    println!("out of time after step {before}, requeued, resumed from step {after}");
     assert!(order.windows(2).all(|w| w[0] < w[1]), "a step was taken twice: {order:?}");
 }

@@ -263,15 +263,15 @@ impl WithSimd for Walk<'_> {
                 if !any(simd, touched) {
                     continue;
                 }
-                let met = rule.meet(simd, power, t, touched);
-                for (lane, &weight) in bytemuck::cast_slice::<S::f32s, f32>(&[met.weight]).iter().enumerate() {
+                let effect = rule.evaluate(simd, power, t, touched);
+                for (lane, &weight) in bytemuck::cast_slice::<S::f32s, f32>(&[effect.weight]).iter().enumerate() {
                     // a blended weight is at least 1e-4 / 255
                     if weight > 0.0 {
                         let index = indices[rank as usize];
                         events.push(Event { slot: (v * lanes + lane) as u32, index, weight });
                     }
                 }
-                let t = simd.select_f32s(touched, simd.select_f32s(met.blended, met.after, zero), t);
+                let t = simd.select_f32s(touched, simd.select_f32s(effect.blended, effect.after, zero), t);
                 open[v] = t;
                 if !any(simd, simd.greater_than_f32s(t, zero)) {
                     done[v] = true;

@@ -132,12 +132,12 @@ proptest! {
     }
 
     #[test]
-    fn the_weights_are_those_of_the_image(n in 0usize..200, width in 1usize..50, height in 1usize..40, seed: u64) {
+    fn the_weights_match_the_image(n in 0usize..200, width in 1usize..50, height in 1usize..40, seed: u64) {
         let f = Fixture::random(n, width, height, seed);
         let (order, image, bins) = f.stages();
         let lists = cpu::contributors(&order, &bins, &f.settings, &f.all_pixels()).unwrap();
         let first = cpu::of_pixels(&order, &f.settings, &[0]).unwrap();
-        prop_assert_eq!(first.row(0), lists.row(0), "one row of tiles says the same of its pixels as all");
+        prop_assert_eq!(first.row(0), lists.row(0), "one row of tiles gives its pixels the same lists as all rows");
         let ranks = order.ranks(n);
         for (p, pixel) in image.chunks_exact(4).enumerate() {
             let (indices, weights) = lists.row(p);
@@ -154,7 +154,7 @@ proptest! {
     }
 
     #[test]
-    fn the_lists_of_sampled_pixels_are_those_of_all_pixels(
+    fn the_lists_of_sampled_pixels_match_those_of_all_pixels(
         n in 0usize..150, width in 1usize..50, height in 1usize..40, count in 0usize..300, seed: u64,
     ) {
         let f = Fixture::random(n, width, height, seed);
@@ -206,11 +206,11 @@ fn opaque_stacks_stop_where_the_reference_stops() {
     assert!(f.check_against_reference(&f.all_pixels()) > 0.8);
     let lists = f.contributors(&f.all_pixels()).unwrap();
     assert!((0..lists.len()).all(|p| lists.row(p).1.iter().sum::<f32>() > 0.99));
-    assert!((0..lists.len()).all(|p| lists.row(p).0.len() < 50), "finished pixels take no more");
+    assert!((0..lists.len()).all(|p| lists.row(p).0.len() < 50), "finished pixels accept no more entries");
 }
 
 #[test]
-fn the_bits_do_not_depend_on_the_threads() {
+fn bits_do_not_depend_on_the_number_of_threads() {
     let f = Fixture::random(600, 90, 70, 5);
     let mut r = Random(6);
     let pixels: Vec<u32> = (0..5000).map(|_| (r.next() % (90 * 70)) as u32).collect();
@@ -233,7 +233,7 @@ fn the_bits_do_not_depend_on_the_threads() {
 }
 
 #[test]
-fn a_pixel_outside_the_image_is_named() {
+fn a_pixel_outside_the_image_is_refused() {
     let f = Fixture::random(5, 20, 10, 1);
     let error = f.contributors(&[3, 199, 200, u32::MAX]).unwrap_err();
     assert_eq!(error, ContributorsError::PixelOutOfImage { position: 2, pixel: 200, width: 20, height: 10 });
@@ -258,7 +258,7 @@ fn no_pixels_and_no_gaussians_give_empty_lists() {
 }
 
 #[test]
-fn poisoned_gaussians_contribute_nothing_and_harm_none() {
+fn poisoned_gaussians_contribute_nothing_and_affect_no_others() {
     let mut f = Fixture::random(60, 40, 30, 21);
     f.means[0] = f32::NAN;
     f.means[3] = f32::INFINITY;
@@ -303,7 +303,7 @@ fn heaviest_and_front_pick_by_weight_and_by_depth() {
     };
     assert_eq!((lists.heaviest(0), lists.front(0)), (Some((2, 0.6)), Some((4, 0.1))));
     assert_eq!((lists.heaviest(1), lists.front(1)), (None, None));
-    assert_eq!(lists.heaviest(2), Some((1, 0.3)), "the nearest of equals");
+    assert_eq!(lists.heaviest(2), Some((1, 0.3)), "ties go to the nearest");
     assert_eq!(lists.row(2), ([1, 0].as_slice(), [0.3, 0.3].as_slice()));
 }
 

@@ -90,11 +90,11 @@ impl Order {
 
     /// Returns the slabs of depth: an eighth, an eighth, a quarter and the rest, with small ones merged into the next.
     pub(crate) fn slabs(&self) -> impl Iterator<Item = std::ops::Range<usize>> {
-        const LEAST: usize = 2048;
+        const MIN_SLAB: usize = 2048;
         let n = self.indices.len();
         let mut cuts = [0, n / 8, n / 4, n / 2, n];
         for k in 1..4 {
-            if cuts[k] - cuts[k - 1] < LEAST {
+            if cuts[k] - cuts[k - 1] < MIN_SLAB {
                 cuts[k] = cuts[k - 1];
             }
         }

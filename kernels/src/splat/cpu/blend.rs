@@ -248,12 +248,12 @@ impl WithSimd for BlendTile<'_> {
                     if !any(simd, touched) {
                         continue;
                     }
-                    let met = rule.meet(simd, power, t, touched);
-                    red[at] = simd.mul_add_e_f32s(met.weight, colour[0], red[at]);
-                    green[at] = simd.mul_add_e_f32s(met.weight, colour[1], green[at]);
-                    blue[at] = simd.mul_add_e_f32s(met.weight, colour[2], blue[at]);
-                    open[at] = simd.select_f32s(met.blended, met.after, t);
-                    let done = rule.done(simd, &met, touched);
+                    let effect = rule.evaluate(simd, power, t, touched);
+                    red[at] = simd.mul_add_e_f32s(effect.weight, colour[0], red[at]);
+                    green[at] = simd.mul_add_e_f32s(effect.weight, colour[1], green[at]);
+                    blue[at] = simd.mul_add_e_f32s(effect.weight, colour[2], blue[at]);
+                    open[at] = simd.select_f32s(effect.blended, effect.after, t);
+                    let done = rule.done(simd, &effect, touched);
                     if any(simd, done) {
                         open[at] = simd.select_f32s(done, simd.neg_f32s(t), open[at]);
                         if !row_takes(simd, &open[row * vectors..(row + 1) * vectors]) {

@@ -137,9 +137,9 @@ impl WithSimd for BlendBackwardTile<'_> {
                         continue;
                     }
                     row_hit = true;
-                    let met = rule.meet(simd, power, t, touched);
-                    let weight = met.weight;
-                    let alpha = simd.select_f32s(met.blended, met.alpha, zero);
+                    let effect = rule.evaluate(simd, power, t, touched);
+                    let weight = effect.weight;
+                    let alpha = simd.select_f32s(effect.blended, effect.alpha, zero);
 
                     // V . (c, 1): the fourth channel is alpha, to which every Gaussian contributes its full weight
                     let vc = simd.mul_add_e_f32s(v[0][at], colour[0], v[3][at]);
@@ -148,7 +148,7 @@ impl WithSimd for BlendBackwardTile<'_> {
                     let rest = simd.sub_f32s(behind[at], simd.mul_f32s(weight, vc));
                     behind[at] = rest;
                     let d_alpha = simd.sub_f32s(simd.mul_f32s(t, vc), simd.div_f32s(rest, simd.sub_f32s(one, alpha)));
-                    let saturated = simd.greater_than_f32s(met.unclamped, alpha_max);
+                    let saturated = simd.greater_than_f32s(effect.unclamped, alpha_max);
                     let u = simd.select_f32s(saturated, zero, simd.mul_f32s(alpha, d_alpha));
 
                     let ux = simd.mul_f32s(u, dx);
@@ -158,8 +158,8 @@ impl WithSimd for BlendBackwardTile<'_> {
                     for channel in 0..3 {
                         sum[6 + channel] = simd.mul_add_e_f32s(weight, v[channel][at], sum[6 + channel]);
                     }
-                    open[at] = simd.select_f32s(met.blended, met.after, t);
-                    let done = rule.done(simd, &met, touched);
+                    open[at] = simd.select_f32s(effect.blended, effect.after, t);
+                    let done = rule.done(simd, &effect, touched);
                     if any(simd, done) {
                         open[at] = simd.select_f32s(done, simd.neg_f32s(t), open[at]);
                         if !row_takes(simd, &open[row * vectors..(row + 1) * vectors]) {

@@ -283,7 +283,7 @@ mod tests {
     const JW: [[f32; 3]; 2] = [[90.0, 10.0, -20.0], [-15.0, 80.0, 30.0]];
 
     #[test]
-    fn semidefinite_are_products_and_no_others() {
+    fn only_products_count_as_semidefinite() {
         for factor in [
             [[1.0, 0.0, 0.0], [0.3, 2.0, 0.0], [-0.7, 0.1, 0.5]],
             [[1e-3, 0.0, 0.0], [7e2, 1e-3, 0.0], [3e2, 2e-4, 1e-5]], // a needle
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn products_are_semidefinite_however_flat_or_thin() {
+    fn flat_and_thin_products_are_semidefinite() {
         let mut state = 1u64;
         let mut next = || {
             state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -327,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn the_determinant_is_that_of_the_product() {
+    fn the_determinant_matches_that_of_the_product() {
         for [xx, xy, xz, yy, yz, zz] in [
             [0.3f32, 0.1, -0.05, 0.2, 0.02, 0.4],
             [2.0, 0.9, 0.01, 1.0, 0.0, 1e-3],

@@ -15,7 +15,7 @@ pub(crate) struct Rule<S: Simd> {
 }
 
 /// The effect of a Gaussian on a vector of pixels.
-pub(crate) struct Met<S: Simd> {
+pub(crate) struct Effect<S: Simd> {
     /// Alpha before it was clamped.
     pub unclamped: S::f32s,
     /// Alpha, also where it was not blended.
@@ -54,18 +54,18 @@ impl<S: Simd> Rule<S> {
 
     /// Evaluates the Gaussian where it is `touched`.
     #[inline(always)]
-    pub(crate) fn meet(self, simd: S, power: S::f32s, t: S::f32s, touched: S::m32s) -> Met<S> {
+    pub(crate) fn evaluate(self, simd: S, power: S::f32s, t: S::f32s, touched: S::m32s) -> Effect<S> {
         let unclamped = exp2(simd, power);
         let alpha = simd.min_f32s(unclamped, self.alpha_max);
         let weight = simd.mul_f32s(t, alpha);
         let after = simd.sub_f32s(t, weight);
         let blended = simd.and_m32s(touched, simd.greater_than_f32s(after, self.t_min));
-        Met { unclamped, alpha, weight: simd.select_f32s(blended, weight, self.zero), after, blended }
+        Effect { unclamped, alpha, weight: simd.select_f32s(blended, weight, self.zero), after, blended }
     }
 
     /// Returns where the Gaussian finishes a pixel that was `touched`.
     #[inline(always)]
-    pub(crate) fn done(self, simd: S, met: &Met<S>, touched: S::m32s) -> S::m32s {
-        simd.and_m32s(touched, simd.greater_than_or_equal_f32s(self.t_min, met.after))
+    pub(crate) fn done(self, simd: S, effect: &Effect<S>, touched: S::m32s) -> S::m32s {
+        simd.and_m32s(touched, simd.greater_than_or_equal_f32s(self.t_min, effect.after))
     }
 }

@@ -1,9 +1,10 @@
 //! Number of tile entries to make room for.
 //!
 //! Only the device knows the exact number, and querying it stalls the pipeline. A rendering that is shown or measured
-//! queries it each time and is exact. Training queries it in the first steps and at every [`EVERY`]th, and otherwise
-//! uses 1.5 times the maximum seen for a similar number of Gaussians and that image size: should a view need still
-//! more, its farthest entries are omitted (entries are listed nearest first), and the room grows at the next query.
+//! queries it each time and is exact. Training queries it in the first steps and at every [`QUERY_INTERVAL`]th, and
+//! otherwise uses 1.5 times the maximum seen for a similar number of Gaussians and that image size: should a view need
+//! still more, its farthest entries are omitted (entries are listed nearest first), and the room grows at the next
+//! query.
 
 use crate::cube::Words;
 use crate::splat::SplatSettings;
@@ -11,16 +12,16 @@ use burn_cubecl::cubecl::client::Client;
 use std::collections::HashMap;
 use std::sync::{LazyLock, Mutex};
 
-/// Initial calls that query the number, before only every [`EVERY`]th does.
-const FIRST: u64 = 64;
+/// Initial calls that query the number, before only every [`QUERY_INTERVAL`]th does.
+const INITIAL_QUERIES: u64 = 64;
 /// Interval between calls that query the number.
-const EVERY: u64 = 16;
+const QUERY_INTERVAL: u64 = 16;
 
 /// Statistics of renderings of one size.
 #[derive(Default)]
 struct Seen {
     calls: u64,
-    most: usize,
+    max_entries: usize,
 }
 
 /// Statistics by image size and the number of Gaussians rounded up to a power of two.
@@ -36,13 +37,13 @@ pub(super) fn capacity(client: &Client, starts: &Words, n: usize, settings: &Spl
     let mut seen = SEEN.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
     let seen = seen.entry(key).or_default();
     seen.calls += 1;
-    if seen.calls <= FIRST || seen.calls.is_multiple_of(EVERY) {
+    if seen.calls <= INITIAL_QUERIES || seen.calls.is_multiple_of(QUERY_INTERVAL) {
         let count = ask();
-        seen.most = seen.most.max(count);
+        seen.max_entries = seen.max_entries.max(count);
         // the room of this call is exact; later ones use the maximum seen
         return round(count);
     }
-    round(seen.most + seen.most / 2)
+    round(seen.max_entries + seen.max_entries / 2)
 }
 
 /// Rounds up to a multiple of 4096, so that buffers of similar size are reused.

@@ -137,8 +137,8 @@ pub(super) fn binned(inputs: SplatTensors<CubeBackend>, settings: &SplatSettings
     let (needs, limit) = (4 * 9 * capacity as u64, client.properties().memory.max_page_size);
     assert!(
         needs <= limit,
-        "splat: {capacity} entries of tiles need {} MB in one buffer, this GPU binds {} MB: smaller images, fewer or \
-         smaller Gaussians, or a CPU device",
+        "splat: {capacity} tile entries need {} MB in one buffer, but this GPU allows {} MB; use smaller images, fewer \
+         or smaller Gaussians, or a CPU device",
         needs / 1_000_000,
         limit / 1_000_000
     );

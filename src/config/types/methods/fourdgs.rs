@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Maximum number of orders of the colours' series in time.
 const MAX_ORDERS: usize = 8;
 /// Maximum number of neighbours of a Gaussian.
-const MOST_NEIGHBOURS: usize = 256;
+const MAX_NEIGHBOURS: usize = 256;
 
 /// `4dgs.*`: Gaussians in space and time of native 4D Gaussian splatting; what they share with 3DGS is set in the other
 /// sections. The defaults are the published settings, as used in the VolSegGS paper's comparison.
@@ -55,16 +55,16 @@ impl FourDgsConfig {
         if self.time_orders > MAX_ORDERS {
             return Err(format!("4dgs.time_orders = {}: at most {MAX_ORDERS}", self.time_orders));
         }
-        for (key, value, least, most) in
+        for (key, value, min, max) in
             [("time_margin", self.time_margin, 0.0, 10.0), ("time_scale", self.time_scale, 1e-6, 1e6)]
         {
-            if !(least..=most).contains(&value) {
-                return Err(format!("4dgs.{key} = {value:?}: between {least:?} and {most:?}"));
+            if !(min..=max).contains(&value) {
+                return Err(format!("4dgs.{key} = {value:?}: between {min:?} and {max:?}"));
             }
         }
-        if self.rigid > 0.0 && !(2..=MOST_NEIGHBOURS).contains(&self.rigid_neighbours) {
+        if self.rigid > 0.0 && !(2..=MAX_NEIGHBOURS).contains(&self.rigid_neighbours) {
             let n = self.rigid_neighbours;
-            return Err(format!("4dgs.rigid_neighbours = {n}: between 2 and {MOST_NEIGHBOURS}, itself with them"));
+            return Err(format!("4dgs.rigid_neighbours = {n}: between 2 and {MAX_NEIGHBOURS}, itself included"));
         }
         if self.rigid > 0.0 && self.rigid_every == 0 {
             return Err("4dgs.rigid_every = 0: at least 1; 4dgs.rigid=0 turns it off".into());
@@ -101,13 +101,13 @@ mod tests {
     use super::FourDgsConfig;
 
     #[test]
-    fn a_published_gaussian_has_161_numbers() {
+    fn a_published_gaussian_has_161_values() {
         assert_eq!(FourDgsConfig::default().numbers(3), 161);
         assert_eq!(FourDgsConfig { time_orders: 2, ..FourDgsConfig::default() }.numbers(1), 53);
     }
 
     #[test]
-    fn values_that_make_no_sense_are_named() {
+    fn invalid_values_are_named() {
         FourDgsConfig::default().check().unwrap();
         type Edit = fn(&mut FourDgsConfig);
         let cases: [(Edit, &str); 6] = [

@@ -86,11 +86,11 @@ impl InSituNetConfig {
         }
         if !(2..=13).contains(&self.channels.len()) {
             let n = self.channels.len();
-            return Err(format!("insitunet.channels: {n} values; between 2 and 13, for pictures of 8 to 16384 pixels"));
+            return Err(format!("insitunet.channels: {n} values; between 2 and 13, for images of 8 to 16384 pixels"));
         }
         if self.critic_channels.len() + 1 != self.channels.len() {
             return Err(format!(
-                "insitunet.critic_channels: {} values; one less than insitunet.channels, which has {}",
+                "insitunet.critic_channels: {} values; must be one fewer than insitunet.channels, which has {}",
                 self.critic_channels.len(),
                 self.channels.len()
             ));
@@ -111,7 +111,7 @@ impl InSituNetConfig {
             return Err(format!("insitunet.beta1 = {:?}: between 0 and 0.999999", self.beta1));
         }
         if self.perceptual == 0.0 && self.pixel == 0.0 {
-            return Err("insitunet.perceptual and insitunet.pixel are both 0: nothing says what a picture shows".into());
+            return Err("insitunet.perceptual and insitunet.pixel are both 0: set one of them above 0".into());
         }
         Ok(())
     }

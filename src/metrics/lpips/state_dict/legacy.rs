@@ -21,30 +21,30 @@ pub(super) fn tensors(file: &mut (impl Read + Seek), head: &[u8], length: u64) -
     };
     let _protocol = next()?;
     if next()?.flag("little_endian") != Some(true) {
-        return unsupported("it was not written by a little-endian machine");
+        return unsupported("it was not written on a little-endian machine");
     }
     let tensors = next()?.tensors();
-    let Some(keys) = next()?.texts() else { return damaged("the keys of its storages") };
+    let Some(keys) = next()?.texts() else { return damaged("the keys of its storages are invalid") };
     let described: HashMap<&str, (u64, u64)> =
         tensors.values().map(|t| (t.storage.key, (t.storage.count, t.kind.size()))).collect();
     let mut storages = HashMap::new();
     let mut at = at as u64;
     for key in keys {
         // without a tensor the element size is unknown, and so is the position of the next storage
-        let Some((count, size)) = described.get(key) else { return damaged(format!("nothing tells of storage {key}")) };
+        let Some((count, size)) = described.get(key) else { return damaged(format!("storage {key} is not described")) };
         let (start, bytes) = (at + COUNT, count * size);
         if start > length || bytes > length - start {
-            return damaged(format!("it ends at byte {length}, before its storage {key} does"));
+            return damaged(format!("it ends at byte {length}, before the end of storage {key}"));
         }
         let stored = bytes_at(file, at, COUNT)?;
         if stored != count.to_le_bytes() {
-            return damaged(format!("the size of storage {key}"));
+            return damaged(format!("the size of storage {key} is wrong"));
         }
         storages.insert(key, (start, bytes));
         at = start + bytes;
     }
     places(tensors, |tensor| match storages.get(tensor.storage.key) {
         Some((start, bytes)) => Ok((*start, *bytes, None)),
-        None => damaged(format!("storage {} is not in it", tensor.storage.key)),
+        None => damaged(format!("storage {} is missing", tensor.storage.key)),
     })
 }

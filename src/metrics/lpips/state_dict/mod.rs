@@ -39,7 +39,7 @@ pub enum StateDictError {
     #[error("cannot be read: {0}")]
     Io(#[from] io::Error),
     /// The file has no known format.
-    #[error("neither a PyTorch file (.pth) nor safetensors; it may be the page of an error: download it again")]
+    #[error("neither a PyTorch file (.pth) nor safetensors; it may be an error page: download it again")]
     Unknown,
     /// The file is truncated or inconsistent.
     #[error("damaged: {0}; download it again")]
@@ -130,7 +130,7 @@ impl<F: Read + Seek> StateDict<F> {
         } else if head.get(8) == Some(&b'{') {
             safetensors(&head, length)?
         } else if head.get(TAR.0..).is_some_and(|h| h.starts_with(TAR.1)) {
-            return unsupported("it has the container of PyTorch before 0.1.10; take the file published now");
+            return unsupported("it has the container format of PyTorch before 0.1.10; use the file published now");
         } else {
             return Err(StateDictError::Unknown);
         };
@@ -149,7 +149,8 @@ impl<F: Read + Seek> StateDict<F> {
             let (expected, found) = (shape.to_vec(), place.shape.clone());
             return Err(StateDictError::Shape { key: key.into(), expected, found });
         }
-        let count = elements(shape).ok_or_else(|| StateDictError::Damaged(format!("the size of `{key}`")))?;
+        let count =
+            elements(shape).ok_or_else(|| StateDictError::Damaged(format!("the size of `{key}` is invalid")))?;
         let bytes = bytes_at(&mut self.file, place.at, count * place.kind.size())?;
         if place.crc.is_some_and(|crc| crc != checksum(&bytes)) {
             return damaged(format!("the checksum of `{key}` is wrong"));
@@ -195,7 +196,10 @@ fn places<'a>(
         let (start, length, crc) = storage(&tensor)?;
         let size = tensor.kind.size();
         if length != tensor.storage.count * size {
-            return damaged(format!("`{key}` is described with {} values and stored otherwise", tensor.storage.count));
+            return damaged(format!(
+                "`{key}` is described with {} values but stored with a different number",
+                tensor.storage.count
+            ));
         }
         let whole = elements(&tensor.shape) == Some(tensor.storage.count);
         // the pickle reader has checked that the tensor lies within the storage

@@ -102,7 +102,7 @@ impl<'a> Machine<'a> {
             0x80 => {
                 let [protocol] = self.array()?;
                 if protocol > 5 {
-                    return damaged(format!("protocol {protocol} of pickle"));
+                    return damaged(format!("unknown pickle protocol {protocol}"));
                 }
             }
             b'.' => return Ok(false),
@@ -200,7 +200,7 @@ impl<'a> Machine<'a> {
                     return unsupported("it builds an object that is not a dictionary");
                 }
             }
-            other => return unsupported(format!("instruction 0x{other:02x} of pickle at byte {}", self.at - 1)),
+            other => return unsupported(format!("pickle instruction 0x{other:02x} at byte {}", self.at - 1)),
         }
         Ok(true)
     }
@@ -236,7 +236,7 @@ impl<'a> Machine<'a> {
     fn long(&mut self, length: usize) -> Result<()> {
         let bytes = self.take(length)?;
         if length > 8 {
-            return damaged(format!("a number of {length} bytes"));
+            return damaged(format!("an integer of {length} bytes"));
         }
         let negative = bytes.last().is_some_and(|b| b & 0x80 != 0);
         let mut wide = [if negative { 0xff } else { 0 }; 8];
@@ -254,7 +254,7 @@ impl<'a> Machine<'a> {
         let floor = self.marks.last().copied().unwrap_or(0);
         match self.stack.last() {
             Some(id) if self.stack.len() > floor => Ok(*id),
-            _ => damaged("its description takes a value that is not there"),
+            _ => damaged("its description uses a missing value"),
         }
     }
 
@@ -320,5 +320,5 @@ impl<'a> Machine<'a> {
 }
 
 fn utf8(bytes: &[u8]) -> Result<&str> {
-    std::str::from_utf8(bytes).map_err(|_| StateDictError::Damaged("a name in it is no text".into()))
+    std::str::from_utf8(bytes).map_err(|_| StateDictError::Damaged("a name in it is not valid text".into()))
 }

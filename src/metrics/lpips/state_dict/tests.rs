@@ -78,7 +78,7 @@ fn the_first_files_of_pytorch_are_read() {
     let mut beyond = bytes.clone();
     let at = beyond.windows(4).position(|w| w == b"K\x01K\x03").unwrap();
     beyond[at + 3] = 4;
-    assert_eq!(refusal(&beyond), "damaged: the description of a storage; download it again");
+    assert_eq!(refusal(&beyond), "damaged: the description of a storage is invalid; download it again");
     let wrong = [&start[..], &5u64.to_le_bytes(), &values].concat();
     assert!(refusal(&wrong).contains("the size of storage k"));
 }
@@ -98,15 +98,15 @@ fn safetensors_give_the_same() {
 }
 
 #[test]
-fn what_is_no_file_of_weights_is_told() {
+fn files_without_weights_are_refused() {
     for other in [&b""[..], b"<!DOCTYPE html>", b"PK", b"\x80\x02}."] {
         assert!(refusal(other).starts_with("neither a PyTorch file"), "{other:?}");
     }
     let tar = [&[b'x'; 257][..], b"ustar\x0000", &[0; 248]].concat();
-    assert!(refusal(&tar).contains("take the file published now"), "{}", refusal(&tar));
+    assert!(refusal(&tar).contains("use the file published now"), "{}", refusal(&tar));
     assert!(refusal(MODULE).contains("torch.nn.modules.linear.Linear"), "{}", refusal(MODULE));
     assert!(refusal(TRANSPOSED).contains("row-major"), "{}", refusal(TRANSPOSED));
-    assert!(refusal(&legacy(b"cos\nsystem\nU\x02ls\x85R")).contains("it names os.system, which is not read"));
+    assert!(refusal(&legacy(b"cos\nsystem\nU\x02ls\x85R")).contains("it refers to os.system, which is not supported"));
     assert!(refusal(&legacy(b"\x95")).contains("instruction 0x95"));
     assert!(open(&legacy(b"}")).unwrap().tensors.is_empty());
     let folder = tempfile::tempdir().unwrap();
@@ -145,7 +145,7 @@ fn an_empty_tensor_may_have_giant_sides() {
 }
 
 #[test]
-fn every_cut_is_found() {
+fn every_truncation_is_detected() {
     for (bytes, name) in [(ZIP, "zip"), (LEGACY, "legacy")] {
         for length in 0..bytes.len() {
             // the last storage of the legacy file might have bytes that no tensor uses, but here it does not
@@ -156,7 +156,7 @@ fn every_cut_is_found() {
 }
 
 #[test]
-fn every_changed_value_of_a_zip_is_found() {
+fn every_changed_value_of_a_zip_is_detected() {
     let place = open(ZIP).unwrap().tensors["features.0.weight"].clone();
     for at in place.at..place.at + 96 {
         let mut bytes = ZIP.to_vec();

@@ -23,7 +23,7 @@ impl Name {
             ("torch._utils", "_rebuild_parameter") => Self::RebuildParameter,
             ("torch", "FloatStorage") => Self::Storage(Kind::Single),
             ("torch", "HalfStorage") => Self::Storage(Kind::Half),
-            _ => return unsupported(format!("it names {module}.{name}, which is not read")),
+            _ => return unsupported(format!("it refers to {module}.{name}, which is not supported")),
         })
     }
 }
@@ -53,7 +53,7 @@ impl<'a> Machine<'a> {
             [tag, kind, key, _device, count, view @ ..] => self.storage_of([*tag, *kind, *key, *count], view.first()),
             _ => None,
         };
-        found.ok_or_else(|| StateDictError::Damaged("the description of a storage".into()))
+        found.ok_or_else(|| StateDictError::Damaged("the description of a storage is invalid".into()))
     }
 
     fn storage_of(&self, [tag, kind, key, count]: [Id; 4], view: Option<&Id>) -> Option<Node<'a>> {
@@ -77,18 +77,18 @@ impl<'a> Machine<'a> {
     }
 
     pub(super) fn call(&mut self, function: Id, arguments: Id) -> Result<()> {
-        let Node::Name(name) = self.nodes[function] else { return damaged("it calls something that is no function") };
+        let Node::Name(name) = self.nodes[function] else { return damaged("it calls a value that is not a function") };
         let node = match name {
             Name::OrderedDict => self.ordered(arguments),
             Name::RebuildTensor => self.tensor(arguments).map(Node::Tensor),
             Name::RebuildParameter => {
                 let Some(tensor) = self.items(arguments).first().copied() else {
-                    return damaged("the description of a parameter");
+                    return damaged("the description of a parameter is invalid");
                 };
                 self.stack.push(tensor);
                 return Ok(());
             }
-            Name::Storage(_) => return unsupported("it makes a storage of its own"),
+            Name::Storage(_) => return unsupported("it creates a storage of its own"),
         };
         self.push(node?);
         Ok(())
@@ -103,14 +103,14 @@ impl<'a> Machine<'a> {
         }
         let pair = |id: &Id| match self.items(*id) {
             [key, value] => Ok((*key, *value)),
-            _ => damaged("the description of a dictionary"),
+            _ => damaged("the description of a dictionary is invalid"),
         };
         Ok(Node::Pairs(self.items(list).iter().map(pair).collect::<Result<_>>()?))
     }
 
     /// Parses `(storage, offset, shape, strides, ...)`.
     fn tensor(&self, arguments: Id) -> Result<TorchTensor<'a>> {
-        let wrong = || StateDictError::Damaged("the description of a tensor".into());
+        let wrong = || StateDictError::Damaged("the description of a tensor is invalid".into());
         let [storage, offset, shape, strides, ..] = *self.items(arguments) else { return Err(wrong()) };
         let Node::Storage { kind, storage, first, end } = self.nodes[storage] else { return Err(wrong()) };
         if self.items(shape).len().max(self.items(strides).len()) > RANK {

@@ -38,10 +38,10 @@ pub(super) fn tensors(file: &mut (impl Read + Seek), length: u64) -> Result<BTre
     if let Some(order) = entries.get(&format!("{root}byteorder"))
         && bytes_at(file, order.at, order.length.min(8))? != b"little"
     {
-        return unsupported("it was not written by a little-endian machine");
+        return unsupported("it was not written on a little-endian machine");
     }
     if entry.length > DESCRIPTION as u64 {
-        return unsupported(format!("{name} of {} bytes; networks need a few thousand", entry.length));
+        return unsupported(format!("{name} has {} bytes; networks need a few thousand", entry.length));
     }
     let bytes = bytes_at(file, entry.at, entry.length)?;
     if entry.crc != 0 && entry.crc != checksum(&bytes) {
@@ -51,12 +51,12 @@ pub(super) fn tensors(file: &mut (impl Read + Seek), length: u64) -> Result<BTre
     places(pickle.tensors(), |tensor| match entries.get(&format!("{root}data/{}", tensor.storage.key)) {
         // a checksum of 0 was never computed
         Some(entry) => Ok((entry.at, entry.length, Some(entry.crc).filter(|crc| *crc != 0))),
-        None => damaged(format!("storage {} is not in it", tensor.storage.key)),
+        None => damaged(format!("storage {} is missing", tensor.storage.key)),
     })
 }
 
 fn cut() -> StateDictError {
-    StateDictError::Damaged("it is not a whole zip archive".into())
+    StateDictError::Damaged("it is not a complete zip archive".into())
 }
 
 fn u16_at(bytes: &[u8], at: usize) -> usize {
@@ -116,7 +116,7 @@ fn directory(file: &mut (impl Read + Seek), length: u64) -> Result<HashMap<Strin
         let method = u16_at(rest, 10);
         if method != 0 {
             return unsupported(format!(
-                "{name} is compressed, which torch.save does not do; unpack and store it anew"
+                "{name} is compressed, which torch.save does not do; unpack and save it uncompressed"
             ));
         }
         let fields = [u32_at(rest, 24), u32_at(rest, 20), u32_at(rest, 42)];

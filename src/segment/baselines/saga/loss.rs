@@ -11,11 +11,11 @@ pub(super) const FEATURES: usize = 32;
 /// A feature.
 pub(super) type Feature = [f32; FEATURES];
 /// Weight of the pair with the smallest masks; that with the largest has 1.
-const HEAVIEST: f32 = 10.0;
+const MAX_PAIR_WEIGHT: f32 = 10.0;
 /// Pixels per parallel task; a constant, so that sums do not depend on the number of threads.
 const ROWS: usize = 32;
 /// Features shorter than this have no direction.
-const SHORT: f32 = 1e-12;
+const MIN_LENGTH: f32 = 1e-12;
 
 /// The scale gate: a factor for each channel that depends on the scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -124,7 +124,7 @@ impl Pixels {
         if high <= low {
             return (1.0, 0.0);
         }
-        let factor = (HEAVIEST - 1.0) / (high - low);
+        let factor = (MAX_PAIR_WEIGHT - 1.0) / (high - low);
         (1.0 - factor * low, factor)
     }
 }
@@ -155,7 +155,7 @@ pub(super) struct Loss {
 }
 
 /// Computes the loss of the rendered `features` `[P, 32]`: the mean over all pairs at all `scales` (ascending), plus
-/// the mean of `(1 - |F|)^2` over the pixels. Features shorter than [`SHORT`] count as 0 and get no gradient.
+/// the mean of `(1 - |F|)^2` over the pixels. Features shorter than [`MIN_LENGTH`] count as 0 and get no gradient.
 pub(super) fn contrast(features: &[f32], pixels: &Pixels, scales: &[f32], gate: &Gate, rule: Rule) -> Loss {
     let (p, s) = (pixels.len(), scales.len());
     let gates: Vec<Feature> = scales.iter().map(|&scale| gate.at(scale)).collect();
@@ -232,13 +232,13 @@ pub(super) fn contrast(features: &[f32], pixels: &Pixels, scales: &[f32], gate: 
 /// Returns the direction of `v`, or zeros if it is too short, and its length.
 pub(super) fn unit(v: Feature) -> (Feature, f32) {
     let length = dot(&v, &v).sqrt();
-    if length <= SHORT { ([0.0; FEATURES], length) } else { (v.map(|x| x / length), length) }
+    if length <= MIN_LENGTH { ([0.0; FEATURES], length) } else { (v.map(|x| x / length), length) }
 }
 
 /// Returns the gradient with respect to a vector from that with respect to its direction, without the component along
 /// it.
 pub(super) fn through_unit(slope: &Feature, (direction, length): &(Feature, f32)) -> Feature {
-    if *length <= SHORT {
+    if *length <= MIN_LENGTH {
         return [0.0; FEATURES];
     }
     let along = dot(slope, direction);

@@ -81,7 +81,7 @@ impl<'a> Trainer<'a> {
         let neighbours = Neighbours::new(means, options.neighbours.max(1))?;
         let n = means.len() / 3;
         let shown = views.iter().flat_map(|v| &v.globals).max();
-        assert!(shown.is_none_or(|&g| (g as usize) < n), "a view shows Gaussian {shown:?} of {n}");
+        assert!(shown.is_none_or(|&g| (g as usize) < n), "a view shows Gaussian {shown:?}, but there are only {n}");
         let mut rng = Rng::new(options.seed, 0, Purpose::GaussianFeatures);
         let features = (0..n).map(|_| Parameter::new(unit(std::array::from_fn(|_| rng.normal())).0)).collect();
         let gate = [0; 2].map(|_| Parameter::new(std::array::from_fn(|_| 2.0 * rng.uniform() - 1.0)));

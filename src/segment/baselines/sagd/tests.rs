@@ -93,7 +93,7 @@ fn a_gaussian_over_the_edge_is_cut_back_to_its_part_inside() {
 }
 
 #[test]
-fn what_is_off_the_screen_behind_or_without_a_place_is_never_selected() {
+fn gaussians_off_screen_behind_or_without_position_are_never_selected() {
     let mut at = one([-0.2, 0.0, 0.0], [-5.0; 3]);
     for mean in [
         [-9.0, 0.0, 0.0],

@@ -67,7 +67,7 @@ fn shaded_blobs_apart_are_one_mask_each() {
 }
 
 #[test]
-fn a_ball_before_another_of_its_colour_comes_apart_and_both_are_nested_in_the_whole() {
+fn overlapping_balls_of_one_colour_are_separated_and_nested_in_the_whole() {
     let (rgba, depth) = balls(&[Ball(75.0, 90.0, 50.0, 200.0, BLUE), Ball(120.0, 105.0, 40.0, 100.0, BLUE)]);
     for depth in [None, Some(depth.as_slice())] {
         let found = find(&rgba, depth);
@@ -78,7 +78,7 @@ fn a_ball_before_another_of_its_colour_comes_apart_and_both_are_nested_in_the_wh
 }
 
 #[test]
-fn depth_parts_what_looks_the_same() {
+fn depth_separates_regions_of_equal_colour() {
     let rgba = [0.5, 0.5, 0.5, 1.0].repeat(SIDE * SIDE);
     let depth: Vec<f32> =
         (0..SIDE * SIDE).map(|p| if p % SIDE < 80 { 4.0 } else { 6.0 } + 0.001 * (p / SIDE) as f32).collect();
@@ -104,7 +104,7 @@ fn red_inside_translucent_blue_is_a_mask_of_its_own() {
 }
 
 #[test]
-fn specks_and_nothing_are_no_masks() {
+fn specks_and_empty_images_give_no_masks() {
     assert!(find(&vec![0.0; SIDE * SIDE * 4], None).is_empty());
     let (rgba, _) = balls(&[Ball(30.0, 30.0, 2.0, 9.0, RED)]);
     assert!(find(&rgba, None).is_empty());

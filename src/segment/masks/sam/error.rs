@@ -15,7 +15,7 @@ pub enum SamError {
     /// There is no weights file.
     #[error(
         "no MobileSAM checkpoint; looked for {looked}. Give one with --sam-weights PATH or put {FILE_NAME} there. \
-         It is made of the published {SOURCE} by: {CONVERT}",
+         Make it from the published {SOURCE} with: {CONVERT}",
         looked = list(looked)
     )]
     NoCheckpoint {
@@ -32,7 +32,8 @@ pub enum SamError {
     },
     /// The weights file is not a complete safetensors file.
     #[error(
-        "{path} is not a whole safetensors file ({source}); copy it again, or convert the published {SOURCE} by: {CONVERT}",
+        "{path} is not a complete safetensors file ({source}); copy it again, or convert the published {SOURCE} \
+         with: {CONVERT}",
         path = path.display()
     )]
     Format {
@@ -102,7 +103,8 @@ pub enum SamError {
     },
     /// An empty image, or one so thin that resizing would leave nothing of it.
     #[error(
-        "an image of {width}x{height} pixels cannot be resized to a longest side of {side}; give a larger or less thin one"
+        "an image of {width}x{height} pixels cannot be resized to a longest side of {side}; \
+         give a larger or less elongated one"
     )]
     ImageShape {
         /// Width in pixels.

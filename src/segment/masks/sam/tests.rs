@@ -278,7 +278,7 @@ fn a_bad_tensor_is_named() {
 }
 
 #[test]
-fn a_file_of_other_kind() {
+fn a_file_of_another_kind() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("mobile_sam.pt");
     std::fs::write(&path, b"PK\x03\x04 a zip archive").unwrap();
@@ -299,7 +299,7 @@ fn a_file_of_other_kind() {
 #[test]
 fn the_full_size_network() {
     let Some(path) = std::env::var_os("VOLSEGGS_TEST_SAM") else {
-        let missing = "VOLSEGGS_TEST_SAM is not set, a file that `tests/support/sam_reference.py --full` wrote";
+        let missing = "VOLSEGGS_TEST_SAM is not set; name a file that `tests/support/sam_reference.py --full` wrote";
         volseggs_testing::skip(volseggs_testing::Need::Sam, missing);
         return;
     };

@@ -103,8 +103,8 @@ impl TwoWayBlock {
         let wide = relu(self.widen.forward(tokens.clone()));
         let tokens = self.norms[2].forward(tokens + self.narrow.forward(wide));
 
-        let told = self.from_image.forward(placed, tokens.clone() + prompts.clone(), tokens.clone());
-        (tokens, self.norms[3].forward(image + told))
+        let update = self.from_image.forward(placed, tokens.clone() + prompts.clone(), tokens.clone());
+        (tokens, self.norms[3].forward(image + update))
     }
 }
 

@@ -39,13 +39,13 @@ impl Foreign {
                 let folder = if groups.len() == 1 && !folder.is_dir() { path.to_owned() } else { folder };
                 if !folder.is_dir() {
                     let problem =
-                        format!("there is no such folder; it should hold the masks of the pictures of {group}");
+                        format!("this folder is missing; it should hold the masks of the pictures of {group}");
                     return Err(StoreError::field(path, group.as_str(), problem));
                 }
                 folders.push(PngFolder::open(&folder, views, width, height)?);
             }
             if folders.iter().all(PngFolder::is_empty) {
-                let problem = "there are none; name masks GROUP/VIEW_NUMBER.png, or GROUP/VIEW.png for a label image";
+                let problem = "none found; name masks GROUP/VIEW_NUMBER.png, or GROUP/VIEW.png for a label image";
                 return Err(StoreError::field(path, "masks", problem));
             }
             Masks::Folders(folders)
@@ -76,13 +76,16 @@ fn places(
         let group = named.or((groups.len() == 1).then_some(0));
         let view = views.iter().position(|v| Path::new(v).file_stem() == name.file_stem());
         let (Some(group), Some(view)) = (group, view) else {
-            let problem = format!("{:?} is none of the pictures, which are called GROUP/VIEW.png", image.file_name);
+            let problem = format!("{:?} is not one of the pictures, which are named GROUP/VIEW.png", image.file_name);
             return fail("file_name", problem);
         };
         if [image.width, image.height] != size {
             let [w, h] = size;
             let (width, height) = (image.width, image.height);
-            return fail("width, height", format!("{:?} is {width}x{height}, the picture {w}x{h}", image.file_name));
+            return fail(
+                "width, height",
+                format!("{:?} is {width}x{height}, but the picture is {w}x{h}", image.file_name),
+            );
         }
         if places.insert((group, view), index).is_some() {
             return fail("file_name", format!("{:?} is listed twice", image.file_name));
@@ -145,7 +148,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let root = folder.path();
         assert!(open(root, &["a", "b"]).unwrap_err().to_string().contains("pictures of a"));
-        assert!(open(root, &["a"]).unwrap_err().to_string().contains("there are none"));
+        assert!(open(root, &["a"]).unwrap_err().to_string().contains("none found"));
         std::fs::create_dir_all(root.join("a")).unwrap();
         std::fs::create_dir_all(root.join("b")).unwrap();
         let labels = GrayImage::from_fn(4, 2, |x, _| image::Luma([if x < 3 { 1 } else { 9 }]));
@@ -173,9 +176,11 @@ mod tests {
         assert_eq!((areas(&both, 1, 1), areas(&both, 0, 1)), (vec![3], vec![]));
         write("view-000.png", 4);
         assert_eq!(areas(&open(&path, &["a"]).unwrap(), 0, 0), [3]);
-        for (name, width, words) in
-            [("view-000.png", 4, "none of the pictures"), ("a/x.png", 4, "none of"), ("a/view-000.png", 5, "is 5x2")]
-        {
+        for (name, width, words) in [
+            ("view-000.png", 4, "not one of the pictures"),
+            ("a/x.png", 4, "not one of"),
+            ("a/view-000.png", 5, "is 5x2"),
+        ] {
             write(name, width);
             let error = open(&path, &["a", "b"]).unwrap_err().to_string();
             assert!(error.contains(words) && error.contains("masks.json") && error.contains(name), "{error}");

@@ -6,7 +6,7 @@ use crate::data::truth::LabelledView;
 use crate::segment::masks::Mask;
 
 /// Minimum number of pixels for an id to make a mask.
-const FEWEST_PIXELS: u64 = 16;
+const MIN_PIXELS: u64 = 16;
 
 /// Label images, one per view.
 #[derive(Clone, Debug)]
@@ -44,7 +44,7 @@ impl MaskSource for Labels {
             }
         }
         let masks = Mask::of_labels(width as u32, height as u32, &ids)?.into_iter().map(|(_, mask)| mask);
-        let shown = masks.filter(|mask| mask.area() >= FEWEST_PIXELS);
+        let shown = masks.filter(|mask| mask.area() >= MIN_PIXELS);
         Ok(shown.map(|mask| Found { mask, predicted_iou: 1.0, stability_score: 1.0 }).collect())
     }
 

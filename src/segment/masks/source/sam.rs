@@ -63,7 +63,7 @@ impl MaskSource for SamSource {
     }
 
     /// The network uses all threads for one picture.
-    fn side_by_side(&self) -> usize {
+    fn batch_size(&self) -> usize {
         1
     }
 }

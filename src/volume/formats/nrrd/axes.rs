@@ -56,7 +56,9 @@ impl Axes {
         let sizes = sizes.ok_or_else(|| bad("sizes", format!("is not {n} whole numbers"), "correct the header"))?;
         let directions = text.get("spacedirections").map(|d| vectors(d).filter(|v| v.len() == n));
         let directions = match directions {
-            Some(None) => return Err(bad("space directions", format!("is not {n} vectors"), "as in (1,0,0) none")),
+            Some(None) => {
+                return Err(bad("space directions", format!("is not {n} vectors"), "write them as in (1,0,0) none"));
+            }
             Some(given) => given,
             None => None,
         };
@@ -74,7 +76,7 @@ impl Axes {
             None => [0.0; 3],
             Some(o) => match vectors(o).as_deref() {
                 Some([Some(v)]) if v.len() >= 3 => common::check_origin(path, "space origin", [v[0], v[1], v[2]])?,
-                _ => return Err(bad("space origin", format!("\"{o}\" is no position"), "write it as (0,0,0)")),
+                _ => return Err(bad("space origin", format!("\"{o}\" is not a position"), "write it as (0,0,0)")),
             },
         };
         Ok(Self { dims, steps, time_first: other == Some(0), spacing, origin, notes })
@@ -106,7 +108,7 @@ fn other_axis(
     let none: Vec<usize> = directions.map_or_else(Vec::new, |d| (0..d.len()).filter(|&a| d[a].is_none()).collect());
     match none.as_slice() {
         [0] if sizes[0] > 1 => bad(
-            "the first axis has no direction, it may be time or components".into(),
+            "the first axis has no direction: it may be time or components".into(),
             "say which: \"kinds: time domain domain domain\" or \"kinds: vector domain domain domain\"",
         ),
         [0] => Ok(Some(0)),
@@ -115,7 +117,7 @@ fn other_axis(
             Ok(Some(0))
         }
         _ => {
-            notes.push("the last axis is taken as time".into());
+            notes.push("the last axis is used as time".into());
             Ok(Some(3))
         }
     }
@@ -135,7 +137,7 @@ fn spacing(
             let along =
                 |a: usize, v: &[f64]| v.iter().enumerate().all(|(i, &c)| if i == a { c > 0.0 } else { c == 0.0 });
             if axes.iter().enumerate().any(|(a, v)| v.as_deref().is_some_and(|v| !along(a, v))) {
-                notes.push("orientation ignored: the axes of the grid are taken as x, y, z".into());
+                notes.push("orientation ignored: the axes of the grid are used as x, y, z".into());
             }
             let length =
                 |v: &Option<Vec<f64>>| v.as_ref().map_or(f64::NAN, |v| v.iter().map(|c| c * c).sum::<f64>().sqrt());
@@ -152,7 +154,7 @@ fn spacing(
         (None, None) => ("spacings", [f64::NAN; 3]),
     };
     if spacing.iter().any(|s| s.is_nan()) {
-        notes.push("spacing is not given on every axis: 1 is taken".into());
+        notes.push("spacing is not given on every axis: 1 is used".into());
     }
     if spacing.iter().any(|&s| s < 0.0) {
         notes.push("orientation ignored: a spacing is negative".into());

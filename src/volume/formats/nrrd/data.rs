@@ -104,8 +104,8 @@ impl Data {
         self.per_file * self.scalar.bytes() as u64
     }
 
-    fn at_most(&self, file: &Path, needed: u64, most: u64, what: &str) -> Result<(), VolumeError> {
-        if needed <= most {
+    fn at_most(&self, file: &Path, needed: u64, limit: u64, what: &str) -> Result<(), VolumeError> {
+        if needed <= limit {
             return Ok(());
         }
         let problem = format!("{} values of {} cannot fit in the {what} data", self.per_file, self.scalar.name());
@@ -234,7 +234,7 @@ impl Data {
             {
                 out[range.start] = self.number(word).ok_or_else(|| {
                     let shown = String::from_utf8_lossy(&word[..word.len().min(40)]);
-                    let problem = format!("\"{shown}\" is no {}", self.scalar.name());
+                    let problem = format!("\"{shown}\" is not a valid {}", self.scalar.name());
                     VolumeError::invalid(file, format!("value {seen}"), problem, "write the file again")
                 })?;
             }

@@ -23,7 +23,7 @@ use text::Text;
 const MAX_HEADER: u64 = 1 << 22;
 
 /// Maximum number of bytes decompressed to read all steps of one compressed file: some hours.
-const MOST_UNPACKED: f64 = 1e13;
+const MAX_UNPACKED: f64 = 1e13;
 
 #[derive(Debug)]
 struct Nrrd {
@@ -61,24 +61,24 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let name = text.need(path, "type")?;
     let scalar = common::scalar_from_name(name).ok_or_else(|| {
         let hint = "save it as uchar, short, ushort, int, uint, float or double";
-        bad("type", format!("\"{name}\" is not read"), hint)
+        bad("type", format!("\"{name}\" is not supported"), hint)
     })?;
     let encoding = match text.need(path, "encoding")?.to_ascii_lowercase().as_str() {
         "raw" => Encoding::Raw,
         "gz" | "gzip" => Encoding::Gzip,
         "txt" | "text" | "ascii" => Encoding::Ascii,
-        other => return Err(bad("encoding", format!("\"{other}\" is not read"), "save it as raw, gzip or ascii")),
+        other => return Err(bad("encoding", format!("\"{other}\" is not supported"), "save it as raw, gzip or ascii")),
     };
     let endian = match text.get("endian").map(str::to_ascii_lowercase).as_deref() {
         Some("little") => Endian::Little,
         Some("big") => Endian::Big,
         None if scalar.bytes() == 1 || encoding == Encoding::Ascii => Endian::Little,
         None => return Err(bad("endian", "is not given".into(), "add \"endian: little\" or \"endian: big\"")),
-        Some(other) => return Err(bad("endian", format!("\"{other}\" is no byte order"), "use little or big")),
+        Some(other) => return Err(bad("endian", format!("\"{other}\" is not a byte order"), "use little or big")),
     };
     let line_skip = match text.get("lineskip").map(str::parse).transpose() {
         Ok(n) => n.unwrap_or(0),
-        Err(_) => return Err(bad("line skip", "is not a whole number".into(), "give the lines to skip")),
+        Err(_) => return Err(bad("line skip", "is not a whole number".into(), "give the number of lines to skip")),
     };
     let byte_skip = match text.get("byteskip").map(str::parse::<i64>).transpose() {
         Ok(None) => Some(0),
@@ -100,13 +100,14 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     };
     let count = files.len() as u64;
     if !values.is_multiple_of(count) {
-        let problem = format!("{values} values cannot be shared by {count} files evenly");
-        return Err(bad("data file", problem, "name as many files as the last axis is long"));
+        let problem = format!("{values} values cannot be divided evenly among {count} files");
+        return Err(bad("data file", problem, "name one file per entry of the last axis"));
     }
     let data = Data { files, base, encoding, scalar, endian, line_skip, byte_skip, per_file: values / count };
     data.check(path)?;
-    if axes.time_first && encoding == Encoding::Gzip && shape.total_bytes as f64 * shape.steps as f64 > MOST_UNPACKED {
-        let problem = format!("time is the fastest axis, so each of the {} steps unpacks the whole file", shape.steps);
+    if axes.time_first && encoding == Encoding::Gzip && shape.total_bytes as f64 * shape.steps as f64 > MAX_UNPACKED {
+        let problem =
+            format!("time is the fastest axis, so each of the {} steps decompresses the whole file", shape.steps);
         return Err(bad("encoding", problem, "save it as raw, or with time as the last axis"));
     }
 

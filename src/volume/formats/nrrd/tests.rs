@@ -64,7 +64,7 @@ fn ascii_numbers() {
     assert!(v[0][2].is_nan());
     assert!(refused(&file(lines, b"1     2").1).contains("found 2"));
     assert!(refused(&file(lines, b"1 2 3 4").1).contains("found 4"));
-    assert!(refused(&file(lines, b"1 2 x").1).contains("\"x\" is no f32"));
+    assert!(refused(&file(lines, b"1 2 x").1).contains("\"x\" is not a valid f32"));
     assert!(refused(&file(&lines.replace("float", "uchar"), b"1 2 256").1).contains("256"));
     assert!(refused(&file(&lines.replace("3 1 1", "100000 100000 100000"), b"1 2 3").1).contains("cannot fit"));
 }
@@ -94,7 +94,7 @@ fn detached_one_list_and_pattern() {
     for (rest, want) in [
         ("encoding: raw\ndata file: two.raw", "two.raw does not exist"),
         ("encoding: raw\ndata file: data/s%02d.raw 0 3 1", "evenly"),
-        ("encoding: raw\ndata file: LIST", "no name"),
+        ("encoding: raw\ndata file: LIST", "no file names"),
         ("encoding: raw\ndata file: LIST\ndata/s00.raw\ndata/s01.raw\ndata/s00.raw", "names \"data/s00.raw\" twice"),
         ("encoding: raw\ndata file: ", "is empty"),
         ("encoding: raw\ndata file: a\ndata file: b", "twice"),
@@ -159,7 +159,7 @@ fn header_errors() {
         (U8.replace("raw", "hex"), "hex"),
         (U8.replace("2 2 1", "2 2"), "3 whole numbers"),
         (U8.replace("2 2 1", "2 -2 1"), "3 whole numbers"),
-        (U8.replace("2 2 1", "2 0 1"), "holds nothing"),
+        (U8.replace("2 2 1", "2 0 1"), "hold no values"),
         (U8.replace("2 2 1", "2 2 2"), "expected 8 bytes (8 values of u8) after 0 skipped, found 4"),
         (U8.replace("2 2 1", "1 1 1"), "found 4"),
         (U8.replace("2 2 1", "4294967296 4294967296 4294967296"), "more than can be addressed"),

@@ -98,7 +98,7 @@ impl Text {
                 continue;
             }
             let Some((name, value)) = line.split_once(':') else {
-                let problem = "is no comment, field or key".to_owned();
+                let problem = "is not a comment, field or key".to_owned();
                 return Err(bad(format!("line {}", number + 1), problem, "write \"field: value\", or start it with #"));
             };
             if value.starts_with('=') {
@@ -112,7 +112,8 @@ impl Text {
                 }
                 listing = value.split_whitespace().next() == Some("LIST");
                 if !listing {
-                    text.files = pattern(&value).map_err(|p| bad("data file".into(), p, "as in %03d.raw 0 9 1"))?;
+                    text.files =
+                        pattern(&value).map_err(|p| bad("data file".into(), p, "write it as in %03d.raw 0 9 1"))?;
                 }
             } else if USED.contains(&key.as_str()) {
                 if text.fields.insert(key, value).is_some() {
@@ -128,7 +129,7 @@ impl Text {
             return Err(bad("data file".into(), problem, "name each file once"));
         }
         if listing && text.files.is_empty() {
-            return Err(bad("data file".into(), "LIST is followed by no name".into(), "name one file a line"));
+            return Err(bad("data file".into(), "no file names follow LIST".into(), "name one file per line"));
         }
         Ok(text)
     }

@@ -107,7 +107,9 @@ fn number(token: &mut Vec<u8>, layout: &Layout, out: &mut Vec<f32>) -> io::Resul
         ScalarType::F32 => parse!(f32),
         ScalarType::F64 => parse!(f64),
     };
-    out.push(value.ok_or_else(|| damaged(format!("value {}: \"{text}\" is no {:?}", out.len(), layout.kind)))?);
+    out.push(
+        value.ok_or_else(|| damaged(format!("value {}: \"{text}\" is not a valid {:?}", out.len(), layout.kind)))?,
+    );
     token.clear();
     Ok(())
 }
@@ -200,7 +202,7 @@ impl<R: Read> Blocks<R> {
                 .map_err(|e| damaged(format!("block {}: lz4: {e}", self.next - 1)))?
         };
         if got != want {
-            return Err(damaged(format!("block {} unpacks to another size than {want}", self.next - 1)));
+            return Err(damaged(format!("block {} does not unpack to {want} bytes", self.next - 1)));
         }
         Ok(true)
     }

@@ -166,7 +166,7 @@ fn chooses_the_active_then_the_first_array() {
     assert!(h.notes[0].contains("\"a\"") && h.notes[0].ends_with("not read: b"), "{:?}", h.notes);
     assert!(values[1].is_nan() && values[2] == f32::NEG_INFINITY && values[3] == 0.4);
     let (h, _) = read("Scalars=\"v\"", &[&vector, &a]).unwrap();
-    assert!(h.notes[0].contains("passed over"), "{:?}", h.notes);
+    assert!(h.notes[0].contains("skipped"), "{:?}", h.notes);
     let e = read("Scalars=\"v\"", &[&vector]).unwrap_err().to_string();
     assert!(e.contains("v (3 components)"), "{e}");
     assert!(message(&small("<PointData/>")).contains("no DataArray"));
@@ -206,14 +206,14 @@ fn says_what_is_wrong() {
     says("<Piece ", "<Piece Extent=\"0 0 0 0 0 0\"></Piece><Piece ", "more than one piece");
     says("Spacing=\"0.5", "Spacing=\"-1", "Spacing");
     says("Origin=\"10", "Origin=\"nan", "finite");
-    says("Origin=\"10", "Origin=\"1e300", "no position");
-    says("Spacing=\"0.5", "Spacing=\"1e308", "no spacing");
+    says("Origin=\"10", "Origin=\"1e300", "not a valid position");
+    says("Spacing=\"0.5", "Spacing=\"1e308", "not a valid spacing");
     says("type=\"Int16\"", "type=\"Bit\"", "unknown type");
     says("format=\"ascii\" RangeMin", "format=\"hex\" RangeMin", "unknown format");
     says("format=\"ascii\" RangeMin", "format=\"appended\" RangeMin", "AppendedData");
     says("14\n", "1x4\n", "\"1x4\"");
     says("14\n", "99999\n", "\"99999\"");
-    says("</PointData>", "</PointDat>", "no XML");
+    says("</PointData>", "</PointDat>", "not XML");
     says("</VTKFile>", "", "ends before");
     assert!(message(b"").contains("no VTKFile"));
     assert!(message(b"\x89PNG\r\n").contains("VTKFile") || message(b"\x89PNG\r\n").contains("XML"));

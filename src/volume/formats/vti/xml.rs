@@ -85,7 +85,7 @@ pub(super) fn parse(path: &Path, mut src: impl BufRead) -> Result<Document, Volu
             VolumeError::invalid(
                 path,
                 format!("byte {}", mark + reader.error_position()),
-                format!("no XML: {e}"),
+                format!("not XML: {e}"),
                 REWRITE,
             )
         })?;
@@ -108,7 +108,7 @@ pub(super) fn parse(path: &Path, mut src: impl BufRead) -> Result<Document, Volu
             }
             Event::Text(text) => state.text(before, text.as_ref()),
             Event::Eof => {
-                let problem = if state.kind_seen { "ends before </VTKFile>" } else { "holds no VTKFile element" };
+                let problem = if state.kind_seen { "ends before </VTKFile>" } else { "has no VTKFile element" };
                 return Err(VolumeError::invalid(path, "VTKFile", problem, REWRITE));
             }
             _ => {}
@@ -311,8 +311,8 @@ impl<'a> Attributes<'a> {
             None => Err(VolumeError::invalid(
                 self.path,
                 format!("{} {key}", self.element),
-                format!("\"{text}\" is not {N} numbers of its kind"),
-                "write them as plain numbers between blanks",
+                format!("\"{text}\" is not {N} numbers of the expected type"),
+                "write them as plain numbers separated by spaces",
             )),
         }
     }

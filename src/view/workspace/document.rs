@@ -15,7 +15,7 @@ impl Workspace {
     /// A time out of range, no segments, an unknown name, or segments without Gaussians.
     pub fn centre(&self, segments: &[String], time: f64) -> Result<[f64; 3], RunError> {
         if !(0.0..=1.0).contains(&time) {
-            return Err(RunError::input("time: between 0 and 1"));
+            return Err(RunError::input("time: must be between 0 and 1"));
         }
         if segments.is_empty() {
             return Err(RunError::input("segments: name at least one"));
