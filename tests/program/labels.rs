@@ -123,7 +123,7 @@ fn invalid_label_exports_are_refused() {
     std::fs::write(root.join("small.npy"), npy([4, 4, 4])).unwrap();
     std::fs::write(root.join("flat.npy"), npy([8, 8, 3])).unwrap();
     for (arguments, words) in [
-        (&["--format", "vti", "--segment", "nobody"][..], &["nobody", "there is"][..]),
+        (&["--format", "vti", "--segment", "nobody"][..], &["nobody", "available"][..]),
         (&["--format", "vti", "--dims", "4,4"], &["--dims", "three"]),
         (&["--format", "vti", "--dims", "4,4,1"], &["--dims", "at least 2 voxels"]),
         (&["--format", "vti", "--like", "flat.npy"], &["flat.npy", "proportions"]),

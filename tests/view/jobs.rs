@@ -139,7 +139,7 @@ fn a_failed_job_is_reported_and_a_read_only_viewer_starts_none() {
     let job = ended(&mut window, 1, &split);
     assert!(job["end"]["failed"].as_str().unwrap().contains("nobody"), "{job}");
     start(&mut window, 2, &json!({ "kind": "fine", "steps": 0 }));
-    assert!(window.wait_for(|m| m["id"] == 2)["message"].as_str().unwrap().starts_with("steps: 1 to"));
+    assert!(window.wait_for(|m| m["id"] == 2)["message"].as_str().unwrap().starts_with("steps: must be between 1 and"));
     window.say(&json!({ "type": "job", "id": 3, "base": 999, "task": split }));
     assert!(window.wait_for(|m| m["id"] == 3)["message"].as_str().unwrap().contains("changed meanwhile"));
     drop((window, server));
