@@ -178,7 +178,7 @@ pub fn gather_moments(values: &[f32], rows: &[Row], width: usize) -> Vec<f32> {
 }
 
 /// Returns the new attributes. Halves are drawn from their parent's distribution and are 1.6 times smaller (3DGS); shares
-/// together look like their parent ([`relocate::share`]).
+/// together look like their parent, see `relocate`.
 pub fn apply(rows: &[Row], g: &HostGaussians, seed: u64, step: usize) -> HostGaussians {
     let mut out = g.map(|column| column.gather(rows.iter().map(|row| row.source())));
     relocate::share(rows, &mut out);
