@@ -44,7 +44,8 @@ fn all_problems_are_gathered() {
     ];
     assert_eq!(failing(&report), expected, "{report:#?}");
     assert_eq!(report.problems.len(), 6, "{:#?}", report.problems);
-    for words in ["frame 5, field `time`", "frame 6, field `transform_matrix`", "r_1.png", "r_3.png", "ends too early"] {
+    for words in ["frame 5, field `time`", "frame 6, field `transform_matrix`", "r_1.png", "r_3.png", "ends too early"]
+    {
         assert!(report.problems.iter().any(|p| p.contains(words)), "{words}: {:#?}", report.problems);
     }
 }
