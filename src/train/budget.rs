@@ -96,16 +96,21 @@ fn needed(config: &Config, views: Views, on_gpu: bool) -> u128 {
     values.saturating_mul(VALUE).saturating_add(hull.max(reduced))
 }
 
-/// Returns the maximum number of Gaussians: each time some are added, their number at most doubles.
+/// Returns the maximum number of Gaussians: each time some are added, their number at most doubles, except by relocation,
+/// which may copy one Gaussian several times.
 pub(super) fn max_gaussians(config: &Config) -> u128 {
     let (start, d) = (config.init.points as u128, &config.densify);
     if d.mode == DensifyMode::Off {
         return start;
     }
+    let budget = d.budget.max(d.warmup_limit()) as u128;
+    if d.mode == DensifyMode::Relocate {
+        return budget.max(start);
+    }
     let [warmup, joint] = Span::of(config).map(|span| span.steps() / d.every.max(1));
     let times = warmup.saturating_add(joint).saturating_add(2);
     let doubled = start.saturating_mul(1u128.checked_shl(times.min(64) as u32).unwrap_or(u128::MAX));
-    doubled.min(d.budget.max(d.warmup_limit()) as u128).max(start)
+    doubled.min(budget).max(start)
 }
 
 /// A key and an accessor of its value.
@@ -225,6 +230,8 @@ mod tests {
         (config.init.points, config.densify.budget) = (300, 1_000_000_000_000);
         (config.stages.warmup_steps, config.stages.joint_steps) = (0, 1000);
         assert!(max_gaussians(&config) < 300 << 8);
+        config.densify.mode = DensifyMode::Relocate;
+        assert_eq!(max_gaussians(&config), 1_000_000_000_000, "one Gaussian may have many copies");
         config.densify.mode = DensifyMode::Off;
         assert_eq!(max_gaussians(&config), 300);
     }
