@@ -48,11 +48,15 @@ pub(super) fn share(rows: &[Row], gaussians: &mut HostGaussians) {
             *counts.entry(*i).or_default() += 1;
         }
     }
+    // the shares of one Gaussian are equal, so each source is computed once: logit, and change of the log-scales
+    let mut changes: BTreeMap<usize, (f32, f32)> = BTreeMap::new();
     for (j, row) in rows.iter().enumerate() {
         let Row::Share(i) = row else { continue };
-        let (opacity, factor) = shared(sigmoid_f64(f64::from(gaussians.opacity_logits[j])), counts[i]);
-        gaussians.opacity_logits[j] = logit_f64(opacity.clamp(LIMIT, 1.0 - LIMIT)) as f32;
-        let smaller = factor.ln() as f32;
+        let (logit, smaller) = *changes.entry(*i).or_insert_with(|| {
+            let (opacity, factor) = shared(sigmoid_f64(f64::from(gaussians.opacity_logits[j])), counts[i]);
+            (logit_f64(opacity.clamp(LIMIT, 1.0 - LIMIT)) as f32, factor.ln() as f32)
+        });
+        gaussians.opacity_logits[j] = logit;
         gaussians.log_scales[3 * j..][..3].iter_mut().for_each(|s| *s += smaller);
     }
 }
