@@ -73,6 +73,8 @@ impl InspectArgs {
             self.tensors(&self.path)
         } else if is_volume(&self.path) {
             inspect_volume(&self.path, self.transfer_function.as_deref(), self.picture.as_deref(), self.json)
+        } else if !self.path.exists() {
+            Err(CliError::input(format!("{}: not found; give a volume, a dataset or a run", self.path.display())))
         } else {
             Err(CliError::input(format!(
                 "{}: not a volume ({READ}), a dataset (transforms_*.json), a run (checkpoints/), a .ply or a .safetensors file",

@@ -92,6 +92,7 @@ fn one_image_is_learnt_by_heart_and_the_file_draws_it() {
         "loss.dssim=0",
         "optim.sh=0.02",
         "densify.mode=off",
+        "densify.budget=200",
     ];
     let config = config(&more);
     let data = open_dataset(root.path(), &config).unwrap();

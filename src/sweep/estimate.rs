@@ -11,6 +11,7 @@ use crate::config::types::{Config, EncoderKind};
 use crate::files::RunPaths;
 use crate::method::{self, Work};
 use crate::model::{d3dgs, size};
+use crate::train::budget::max_gaussians;
 use crate::train::run::RunRecord;
 use std::path::Path;
 
@@ -123,10 +124,8 @@ fn of_network(steps: f64, work: Work, pixels: f64) -> Share {
 }
 
 fn of_gaussians(config: &Config, pixels: f64) -> Share {
-    let max_gaussians = config.densify.budget.max(config.densify.warmup_budget);
-    let growing = max_gaussians > config.init.points;
-    let end = max_gaussians.max(config.init.points) as f64;
-    let n = if growing { 0.5 * (config.init.points as f64 + end) + 0.2 * end } else { end }.min(end);
+    let (start, end) = (config.init.points as f64, max_gaussians(config) as f64);
+    let n = if end > start { 0.5 * (start + end) + 0.2 * end } else { end }.min(end);
     let (warm, joint) = (config.stages.warmup_steps as f64, config.stages.joint_steps as f64);
     let registered = if config.model.encoder == EncoderKind::Extra { REGISTERED } else { 1.0 };
     let weights = match (&config.d3dgs, config.model.encoder) {
@@ -137,7 +136,7 @@ fn of_gaussians(config: &Config, pixels: f64) -> Share {
     let products = weights * PER_WEIGHT;
     let per_warmup = if config.fourdgs.is_some() { PER_GAUSSIAN } else { PER_GAUSSIAN_WARMUP };
     // without a joint stage, DSSIM is used and Gaussians grow in warm-up
-    let (last, warm_n) = if joint > 0.0 { (joint, config.init.points as f64) } else { (warm, n) };
+    let (last, warm_n) = if joint > 0.0 { (joint, start) } else { (warm, n) };
     let dssim = if config.loss.dssim > 0.0 { (config.loss.dssim_last as f64).min(last) } else { 0.0 };
     let cpu_seconds = (joint + warm) * PER_STEP
         + joint * (n * (PER_GAUSSIAN * registered + products) + pixels * PER_PIXEL)

@@ -8,6 +8,7 @@ use crate::volume::transfer::Lighting;
 use crate::words::plain;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
@@ -207,7 +208,12 @@ impl SweepFile {
     /// If it cannot be read, is not TOML, or has an unknown key or a value of the wrong type.
     pub fn read(path: &Path) -> Result<Self, SweepError> {
         let bad = |problem: String| SweepError::File { path: path.to_owned(), problem };
-        let text = crate::files::read_text(path).map_err(|e| bad(e.to_string()))?;
+        let text = crate::files::read_text(path).map_err(|e| match e.kind() {
+            ErrorKind::NotFound => {
+                bad("not found; give a sweep file, such as configs/ablations/loss-small.toml".into())
+            }
+            _ => bad(e.to_string()),
+        })?;
         crate::nesting::check_toml(&text).map_err(bad)?;
         let mut file: Self = toml::from_str(&text).map_err(|e| bad(plain(&e.to_string())))?;
         if file.title.is_empty() {

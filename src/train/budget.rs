@@ -98,7 +98,7 @@ fn needed(config: &Config, views: Views, on_gpu: bool) -> u128 {
 
 /// Returns the maximum number of Gaussians: each time some are added, their number at most doubles, except by relocation,
 /// which may copy one Gaussian several times.
-pub(super) fn max_gaussians(config: &Config) -> u128 {
+pub(crate) fn max_gaussians(config: &Config) -> u128 {
     let (start, d) = (config.init.points as u128, &config.densify);
     if d.mode == DensifyMode::Off {
         return start;

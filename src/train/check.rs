@@ -3,7 +3,7 @@
 use super::budget::max_gaussians;
 use super::rate_schedule::find_schedule;
 use super::{TrainError, average, losses, schedule};
-use crate::config::types::{Config, DataConfig, DensifyConfig, EncoderKind};
+use crate::config::types::{Config, DataConfig, DensifyConfig, DensifyMode, EncoderKind};
 use crate::memory::product;
 use crate::model::d3dgs;
 use crate::model::extra_encoder::ExtraEncoder;
@@ -116,6 +116,7 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     check_ranges(config)?;
     check_times(&config.data)?;
     check_densify(&config.densify)?;
+    check_budget(config)?;
     if config.optim.warmup_decay_steps == 0 {
         return bad("optim.warmup_decay_steps = 0: at least 1".into());
     }
@@ -231,6 +232,19 @@ fn check_densify(densify: &DensifyConfig) -> Result<(), TrainError> {
     }
 }
 
+/// Refuses a budget for more Gaussians than there are at the start if none are ever added.
+fn check_budget(config: &Config) -> Result<(), TrainError> {
+    let (points, densify) = (config.init.points, &config.densify);
+    let budgets = [("budget", densify.budget), ("warmup_budget", densify.warmup_budget)];
+    match budgets.into_iter().find(|(_, budget)| densify.mode == DensifyMode::Off && *budget > points) {
+        Some((key, budget)) => Err(TrainError::Config(format!(
+            "densify.{key} = {budget}: none are added to init.points = {points} with densify.mode = \"off\"; set \
+             densify.{key} to {points}, or densify.mode to \"budget\""
+        ))),
+        None => Ok(()),
+    }
+}
+
 /// Refuses unregistered names at the start, not after hours of training.
 fn check_registered(config: &Config) -> Result<(), TrainError> {
     let bad = |text: String| Err(TrainError::Config(text));
@@ -286,7 +300,7 @@ mod tests {
     fn invalid_values_are_named_with_the_values_allowed() {
         check(&Config::default()).unwrap();
         type Edit = fn(&mut Config);
-        let cases: [(Edit, [&str; 2]); 26] = [
+        let cases: [(Edit, [&str; 2]); 28] = [
             (|c| c.optim.warmup_decay_steps = 0, ["optim.warmup_decay_steps = 0", "at least 1"]),
             (|c| c.data.only_times = vec![0.5, 1.5], ["data.only_times: 1.5", "between 0 and 1"]),
             (|c| c.data.only_times = vec![-0.5], ["data.only_times = -0.5", "0 or above"]),
@@ -296,6 +310,14 @@ mod tests {
             (|c| c.densify.prune_every = 0, ["densify.prune_every = 0", "at least 1"]),
             (|c| c.densify.prune_size = 0.1, ["densify.prune_size = 0.1", "densify.opacity_reset"]),
             (|c| c.densify.opacity_reset_until = 9, ["densify.opacity_reset_until = 9", "densify.opacity_reset "]),
+            (|c| c.densify.mode = DensifyMode::Off, ["densify.budget = 150000", "densify.mode = \"off\""]),
+            (
+                |c| {
+                    c.densify.mode = DensifyMode::Off;
+                    (c.init.points, c.densify.budget, c.densify.warmup_budget) = (500, 500, 501);
+                },
+                ["densify.warmup_budget = 501", "set densify.warmup_budget to 500"],
+            ),
             (|c| c.optim.final_fraction = 0.0, ["optim.final_fraction = 0", "above 0"]),
             (|c| c.optim.attributes_final_fraction = 0.0, ["optim.attributes_final_fraction = 0", "above 0"]),
             (|c| (c.loss.dssim, c.loss.dssim_last) = (0.2, 0), ["loss.dssim = 0.2", "loss.dssim_last = 0"]),

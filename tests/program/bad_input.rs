@@ -110,7 +110,7 @@ fn empty_images() {
 }
 
 #[test]
-fn missing_folders() {
+fn missing_files_and_folders() {
     let root = tempfile::tempdir().unwrap();
     train_refused(root.path(), &[], &[], &["data", "transforms_train.json", "cannot read"]);
     for command in ["eval", "render", "export"] {
@@ -123,6 +123,12 @@ fn missing_folders() {
         refused(&mut program, &["nothing", "no checkpoint"]);
         assert!(!root.path().join("out").exists());
     }
+    let missing = crate::common::text(root.path(), "nothing");
+    refused(volseggs().args(["inspect", &missing]), &["nothing: not found", "a volume, a dataset or a run"]);
+    let out = crate::common::text(root.path(), "out");
+    refused(volseggs().args(["prepare", "--volume", &missing, "--out", &out]), &["nothing", "does not exist"]);
+    refused(volseggs().args(["sweep", &missing]), &["nothing: not found", "a sweep file"]);
+    assert!(!root.path().join("out").exists());
 }
 
 #[test]

@@ -9,7 +9,7 @@ use tempfile::TempDir;
 use volseggs::device::DeviceName;
 
 /// 40 steps of warm-up, 160 of joint training; the margin only allows for sums in another order.
-const STEPS: &[&str] = &[
+const LONG: &[&str] = &[
     "stages.warmup_steps=40",
     "stages.joint_steps=160",
     "output.checkpoint_every=100",
@@ -17,12 +17,22 @@ const STEPS: &[&str] = &[
     "output.eval_views=6",
 ];
 
-/// Returns the folder of the dataset, with a run on the default device.
+/// 20 steps of warm-up, 40 of joint training: enough for either device to go on where the other stopped.
+const SHORT: &[&str] = &[
+    "stages.warmup_steps=20",
+    "stages.joint_steps=40",
+    "output.checkpoint_every=30",
+    "output.eval_every=60",
+    "output.eval_views=6",
+];
+
+/// Returns the folder of the dataset, with a run `long` and a run `short` on the default device.
 fn straight() -> &'static Path {
     static ROOT: OnceLock<TempDir> = OnceLock::new();
     let folder = ROOT.get_or_init(|| {
         let folder = dataset();
-        train(folder.path(), "straight", STEPS).assert().success();
+        train(folder.path(), "long", LONG).assert().success();
+        train(folder.path(), "short", SHORT).assert().success();
         folder
     });
     folder.path()
@@ -32,9 +42,10 @@ fn test_psnr(run: &Path) -> f64 {
     metrics(run).last().unwrap()["test_psnr"].as_f64().unwrap()
 }
 
-/// Checks that a run in which `device` took part and that ended on `last` matches the one on the default device.
-fn alike(device: DeviceName, last: DeviceName, name: &str) {
-    let (run, straight) = (straight().join(name), straight().join("straight"));
+/// Checks that the run `name`, in which `device` took part and that ended on `last`, matches `expected`, which was
+/// trained on the default device alone.
+fn alike(device: DeviceName, last: DeviceName, name: &str, expected: &str) {
+    let (run, straight) = (straight().join(name), straight().join(expected));
     let record = json(&run.join("run.json"));
     assert_eq!((&record["status"], &record["device"]), (&"complete".into(), &last.to_string().into()));
     assert_eq!(record["gaussians"], 400);
@@ -48,8 +59,8 @@ fn alike(device: DeviceName, last: DeviceName, name: &str) {
 
 fn two_hundred_steps_match_the_default_device(device: DeviceName) {
     let name = device.to_string();
-    train(straight(), &name, STEPS).args(["--device", &name]).assert().success();
-    alike(device, device, &name);
+    train(straight(), &name, LONG).args(["--device", &name]).assert().success();
+    alike(device, device, &name, "long");
 }
 
 fn a_checkpoint_resumes_on_the_other_device(device: DeviceName) {
@@ -57,11 +68,11 @@ fn a_checkpoint_resumes_on_the_other_device(device: DeviceName) {
     for (first, second) in [(default, device), (device, default)] {
         let name = format!("{first}-{second}");
         let on = |device: DeviceName, more: &[&str]| {
-            train(straight(), &name, STEPS).args(["--device", &device.to_string()]).args(more).assert().success();
+            train(straight(), &name, SHORT).args(["--device", &device.to_string()]).args(more).assert().success();
         };
-        on(first, &["--stop-after", "100"]);
+        on(first, &["--stop-after", "30"]);
         on(second, &["--resume"]);
-        alike(device, second, &name);
+        alike(device, second, &name, "short");
     }
 }
 

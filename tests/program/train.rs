@@ -113,10 +113,11 @@ fn a_stopped_and_resumed_run_equals_an_uninterrupted_one() {
 #[test]
 fn a_resumed_run_with_every_speed_setting_equals_an_uninterrupted_one() {
     let root = dataset();
-    let savings = ["speed.coarse_steps=40", "speed.sort_every=25", "speed.cull_visits=4", "densify.mode=off"];
+    let savings = ["speed.coarse_steps=40", "speed.sort_every=25", "speed.cull_visits=4"];
     // many start where there is nothing, and fade quickly
     let fading = ["init.placement=box", "init.opacity=0.01", "optim.opacity=0.5", "densify.prune_opacity=0"];
-    let more: Vec<&str> = savings.into_iter().chain(fading).collect();
+    let fixed = ["densify.mode=off", "densify.budget=300"];
+    let more: Vec<&str> = savings.into_iter().chain(fixed).chain(fading).collect();
     train(root.path(), "whole", &more).assert().success();
     train(root.path(), "parts", &more).args(["--stop-after", "33"]).assert().success();
     train(root.path(), "parts", &more).args(["--resume", "--stop-after", "69"]).assert().success();

@@ -117,6 +117,7 @@ fn one_image_is_learnt_by_heart_and_the_file_draws_it() {
         "loss.dssim=0",
         "optim.sh=0.02",
         "densify.mode=off",
+        "densify.budget=200",
         "densify.prune_opacity=0",
         "densify.opacity_reset=0",
         "densify.opacity_reset_until=0",

@@ -55,7 +55,7 @@ pub fn format_of(path: &Path) -> Option<(Format, usize)> {
 /// Opens a volume file: reads its header, not its values.
 ///
 /// # Errors
-/// An unknown extension, or an error of the format's reader.
+/// A missing file, an unknown extension, or an error of the format's reader.
 pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     match format_of(path) {
         Some((Format::Raw, _)) => raw::open(path),
@@ -63,6 +63,12 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
         Some((Format::Nrrd, _)) => nrrd::open(path),
         Some((Format::Vti, _)) => vti::open(path),
         Some((Format::Nifti, _)) => nifti::open(path),
+        None if !path.exists() => Err(VolumeError::invalid(
+            path,
+            "file",
+            "does not exist",
+            "name volume files, a folder, or a pattern in quotes",
+        )),
         None => Err(VolumeError::invalid(
             path,
             "extension",

@@ -80,7 +80,11 @@ pub fn npy(descr: &str, fortran: &str, shape: &str, data: &[u8]) -> Vec<u8> {
 
 #[test]
 fn unknown_extension_lists_supported_formats() {
-    let message = refused(Path::new("a.tiff"));
+    let d = dir();
+    let path = d.path().join("a.tiff");
+    assert!(refused(&path).contains("does not exist"));
+    std::fs::write(&path, []).unwrap();
+    let message = refused(&path);
     assert!(message.contains(".nrrd") && message.contains(".nii.gz"), "{message}");
     assert_eq!(format_of(Path::new("A.NII.GZ")), Some((Format::Nifti, 7)));
     assert_eq!(format_of(Path::new(".raw")), None);
