@@ -77,7 +77,7 @@ pub fn executable() -> PathBuf {
 }
 
 /// The digest and the number of all bytes of `source`.
-fn digest(mut source: impl Read) -> io::Result<(String, u64)> {
+pub(crate) fn digest(mut source: impl Read) -> io::Result<(String, u64)> {
     let (mut hash, mut piece, mut bytes) = (XxHash3_128::new(), vec![0; PIECE], 0);
     loop {
         match source.read(&mut piece) {

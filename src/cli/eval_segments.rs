@@ -138,6 +138,7 @@ impl SegmentFlags {
         if let Some(k) = self.clusters.filter(|k| *k > gaussians) {
             return Err(CliError::input(format!("--clusters {k}: the scene has only {gaussians} Gaussians")));
         }
+        self.check_mask_pictures()?;
         let masks = self.kind()?;
         let root = data.unwrap_or(&run.record.dataset);
         let truth = Truth::read(root)?;
@@ -199,6 +200,18 @@ impl SegmentFlags {
             saga: SagaOptions { steps: self.saga_steps, seed, ..SagaOptions::default() },
             mask_alpha: self.mask_alpha,
         }
+    }
+
+    /// Checks that pictures for another program are not asked for together with a source of masks.
+    fn check_mask_pictures(&self) -> Result<(), CliError> {
+        if self.mask_pictures.is_none() || self.masks == Masks::Regions {
+            return Ok(());
+        }
+        let masks = self.masks.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default();
+        Err(CliError::input(format!(
+            "--mask-pictures cannot be combined with --masks {masks}: no masks are made; omit --masks, and give it once \
+             the masks exist"
+        )))
     }
 
     /// The source of the masks, with its files.

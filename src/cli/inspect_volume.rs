@@ -5,7 +5,7 @@ use crate::export::images::encode_png;
 use crate::files::write_named;
 use crate::volume::formats::format_of;
 use crate::volume::picture::{Bins, transfer_picture};
-use crate::volume::series::{Series, SeriesOptions};
+use crate::volume::series::{Scan, Series, SeriesOptions};
 use crate::volume::transfer::TransferFunction;
 use serde_json::json;
 use std::path::Path;
@@ -30,33 +30,52 @@ pub(super) fn inspect_volume(
     as_json: bool,
 ) -> Result<(), CliError> {
     let inputs = [path.to_string_lossy().into_owned()];
-    // gaps are reported, not rejected, so that this command can be used to find them
-    let (series, gap) = match Series::open(&inputs, &SeriesOptions::default()) {
+    // gaps and voxels that are not finite are reported, not rejected, so that this command can be used to find them;
+    // what replaces the voxels counts neither in the range nor in the histogram, and 0 is a whole number like any other
+    let options = SeriesOptions { nan_as: Some(0.0), ..SeriesOptions::default() };
+    let (series, gap) = match Series::open(&inputs, &options) {
         Ok(series) => (series, None),
         Err(e) => {
-            let options = SeriesOptions { allow_gaps: true, ..SeriesOptions::default() };
+            let options = SeriesOptions { allow_gaps: true, ..options };
             (Series::open(&inputs, &options)?, Some(e.to_string()))
         }
     };
-    let range = series.range()?;
+    let Scan { range, not_finite } = series.scan()?;
     let grid = series.grid();
-    let notes: Vec<String> = series.notes().iter().cloned().chain(gap).collect();
+    let skipped = (not_finite > 0).then(|| {
+        format!(
+            "{not_finite} voxels of all steps are NaN, infinite or too large; range and histogram are of the others, \
+             and prepare needs --nan VALUE"
+        )
+    });
+    let notes: Vec<String> = series.notes().iter().cloned().chain(gap).chain(skipped).collect();
+    // before anything is printed, as either can fail
+    let drawn = match picture {
+        Some(file) => {
+            let tf = TransferFunction::load(transfer.unwrap_or("ramp"))?;
+            let span = tf.span(series.range()?.map(f64::from));
+            Some((file, tf, span))
+        }
+        None => None,
+    };
     if as_json {
         print_json(&json!({
             "kind": "volume", "steps": series.len(), "dims": grid.dims, "spacing": grid.spacing,
-            "origin": grid.origin, "type": series.scalar().name(), "range": range, "notes": notes,
+            "origin": grid.origin, "type": series.scalar().name(), "range": range,
+            "not_finite": not_finite, "notes": notes,
         }))?;
     } else {
         outln!("steps    {} ({} .. {})", series.len(), series.name(0), series.name(series.len() - 1));
         outln!("dims     {} x {} x {}", grid.dims[0], grid.dims[1], grid.dims[2]);
         outln!("spacing  {} x {} x {}", grid.spacing[0], grid.spacing[1], grid.spacing[2]);
         outln!("type     {}", series.scalar().name());
-        outln!("range    {} .. {}", range[0], range[1]);
+        match range {
+            Some([low, high]) => outln!("range    {low} .. {high}"),
+            None => outln!("range    none: no voxel is finite"),
+        }
         notes.iter().for_each(|n| outln!("note: {n}"));
     }
-    if let Some(file) = picture {
-        let tf = TransferFunction::load(transfer.unwrap_or("ramp"))?;
-        let span = tf.span(range.map(f64::from));
+    if let Some((file, tf, span)) = drawn {
         let middle = series.len() / 2;
         let whole = series.load(middle)?.values.iter().all(|v| v.fract() == 0.0);
         let bins = Bins::new(span, whole, BINS);

@@ -84,8 +84,8 @@ fn page_of(set: &ResultSet, table: &Table, orderings: &[Ordering]) -> crate::rep
 /// Name of the file that marks a folder of logs.
 const MARKER: &str = "comparison";
 
-/// Writes one log for each outcome that is not missing: settings and final metrics for the hparams page, and curves as
-/// scalars.
+/// Writes one log for each outcome that is not missing: settings for the hparams page, curves as scalars, and the final
+/// metrics of those that finished.
 fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
     let path = folder.join("tensorboard");
     let out = AtomicDir::create(&path).map_err(at(&path))?;
@@ -132,13 +132,22 @@ fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
                 events.scalar(*step as u64, tag, *value as f32).map_err(at(&dir))?;
             }
         }
-        for (id, tag) in set.metrics.iter().zip(&tags) {
-            if let Some(value) = outcome.metrics.get(id) {
-                events.scalar(last, tag, *value as f32).map_err(at(&dir))?;
+        // a stopped run has neither a final value nor an end: its live test PSNR is of fewer steps and views
+        let end = match outcome.state {
+            OutcomeState::Done => Some(SessionEnd::Success),
+            OutcomeState::Failed(_) => Some(SessionEnd::Failure),
+            OutcomeState::Stopped(_) | OutcomeState::Missing => None,
+        };
+        if end == Some(SessionEnd::Success) {
+            for (id, tag) in set.metrics.iter().zip(&tags) {
+                if let Some(value) = outcome.metrics.get(id) {
+                    events.scalar(last, tag, *value as f32).map_err(at(&dir))?;
+                }
             }
         }
-        let failed = matches!(outcome.state, OutcomeState::Failed(_));
-        events.session_end(if failed { SessionEnd::Failure } else { SessionEnd::Success }).map_err(at(&dir))?;
+        if let Some(end) = end {
+            events.session_end(end).map_err(at(&dir))?;
+        }
         events.flush().map_err(at(&dir))?;
     }
     // each run has a folder of its own in there, named after it
@@ -160,5 +169,38 @@ fn parameter(text: &str) -> HyperParameter {
         "true" => HyperParameter::Flag(true),
         "false" => HyperParameter::Flag(false),
         text => HyperParameter::Text(text.trim_matches('"').to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_finished_runs_have_final_metrics_in_tensorboard() {
+        let states = [OutcomeState::Done, OutcomeState::Stopped(40), OutcomeState::Failed("not finite".into())];
+        let of = |state| Outcome {
+            state,
+            variant: "x".into(),
+            metrics: BTreeMap::from([("psnr".to_owned(), 20.0)]),
+            ..Outcome::default()
+        };
+        let set = ResultSet {
+            head: "variant".into(),
+            metrics: vec!["psnr".into()],
+            outcomes: states.map(of).to_vec(),
+            ..ResultSet::default()
+        };
+        let dir = tempfile::tempdir().unwrap();
+        tensorboard(dir.path(), &set).unwrap();
+        for (number, values, ends) in [("000", 1, 1), ("001", 0, 0), ("002", 0, 1)] {
+            let log = dir.path().join("tensorboard").join(format!("{number} x seed 0"));
+            let file = std::fs::read_dir(log).unwrap().next().unwrap().unwrap().path();
+            let bytes = std::fs::read(file).unwrap();
+            let count = |text: &str| bytes.windows(text.len()).filter(|w| *w == text.as_bytes()).count();
+            // once as the name of a metric of the page
+            assert_eq!(count("final/psnr"), 1 + values, "{number}");
+            assert_eq!(count("session_end_info"), ends, "{number}");
+        }
     }
 }

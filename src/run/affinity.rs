@@ -127,25 +127,24 @@ pub fn fit(
     let at = run.scene.host_at(header.time as f32);
     let frame = Frame::around(&at.visible_means());
     let again = format!("run `volseggs segment masks {} --replace`", shell::path(&run.path));
+    let keys: Vec<String> = all.segments.iter().map(|s| members_key(&s.members)).collect();
     let of = |(i, name): (usize, &String)| {
-        // a renamed segment is recognised by its Gaussians
-        let renamed = || {
-            let key = header.members.get(i)?;
-            all.segments.iter().find(|s| members_key(&s.members) == *key)
-        };
-        let found = all.get(name).or_else(|e| renamed().ok_or(e));
-        found
-            .map(|s| s.members.clone())
-            .map_err(|e| RunError::input(format!("{}: masks of {name}: {e}; {again}", path.display())))
+        let key = header.members.get(i);
+        // by the Gaussians, as another segment may have the name by now
+        if let Some((same, _)) = all.segments.iter().zip(&keys).find(|(_, k)| Some(*k) == key) {
+            return Ok(same.members.clone());
+        }
+        let named =
+            all.get(name).map_err(|e| RunError::input(format!("{}: masks of {name}: {e}; {again}", path.display())))?;
+        if key.is_some() {
+            return Err(RunError::input(format!(
+                "{}: the Gaussians of segment {name} have changed since its masks were made; {again}",
+                path.display()
+            )));
+        }
+        Ok(named.members.clone())
     };
     let members = header.segments.iter().enumerate().map(of).collect::<Result<Vec<_>, RunError>>()?;
-    let mut keys = header.segments.iter().zip(&header.members).zip(&members);
-    if let Some(((name, _), _)) = keys.find(|((_, key), members)| **key != members_key(members)) {
-        return Err(RunError::input(format!(
-            "{}: the Gaussians of segment {name} have changed since its masks were made; {again}",
-            path.display()
-        )));
-    }
     let (rendering, mut done) = (run.scene.spec.rendering(), 0);
     let (views, spreads) = read_views(&masks, (&at, rendering), &frame, &members, options.seed, device, |_| {
         done += 1;

@@ -112,7 +112,8 @@ pub fn measure(
 /// each time, stopped it; earlier folders are then unchanged.
 ///
 /// # Errors
-/// If a name is unknown, a segment is empty, the times do not fit into memory, or results cannot be written.
+/// If a name is unknown, a segment is empty, the group has the name of a segment with other Gaussians, the times do not
+/// fit into memory, or results cannot be written.
 pub fn follow(
     run: &OpenRun,
     request: &FollowRequest<'_>,
@@ -120,6 +121,7 @@ pub fn follow(
     mut goes_on: impl FnMut(Stage) -> bool,
 ) -> Result<Option<Vec<Followup>>, RunError> {
     let wanted = wanted(run, request.segments, request.group)?;
+    check_group(run, &wanted)?;
     check_memory(&wanted, request.times, request.asked)?;
     let times = &request.times.list()[..];
     let shown = Selection::open(run, &[], request.edited)?;
@@ -191,6 +193,19 @@ fn wanted(run: &OpenRun, segments: &[String], group: Option<&Name>) -> Result<Ve
         return Err(RunError::input(format!("segment \"{name}\" is empty: there is nothing to track")));
     }
     Ok(wanted)
+}
+
+/// Checks that no track would have the name of a segment with other Gaussians: a group's would replace that of the
+/// segment, or be taken for it.
+fn check_group(run: &OpenRun, wanted: &[(Name, Vec<u32>)]) -> Result<(), RunError> {
+    let all = run.segments()?;
+    match wanted.iter().find(|(name, members)| all.get(name).is_ok_and(|s| s.members != *members)) {
+        Some((name, _)) => Err(RunError::input(format!(
+            "group {name}: this is the name of a segment with other Gaussians, whose track it would replace; choose \
+             another name"
+        ))),
+        None => Ok(()),
+    }
 }
 
 fn report_error(error: ReportError) -> RunError {

@@ -22,6 +22,7 @@ use crate::segment::pictures::Picture;
 use crate::shell;
 use burn::tensor::Device;
 use image::RgbImage;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// Default number of views.
@@ -95,11 +96,14 @@ impl MaskPlan {
     fn drawn(run: &OpenRun, around: &Surroundings, request: &MaskRequest<'_>) -> Result<Self, RunError> {
         let all = run.segments()?;
         let handout = matches!(request.kind, MaskKind::Dir(_)).then(|| read_handout(run)).transpose()?;
-        let names: Vec<String> = match &handout {
+        let mut names: Vec<String> = match &handout {
             _ if !request.segments.is_empty() => request.segments.to_vec(),
             Some(list) => list.groups.iter().map(|g| g.name.clone()).collect(),
             None => all.segments.iter().filter(|s| s.parent.is_none()).map(|s| s.name.to_string()).collect(),
         };
+        // a segment named twice is drawn once
+        let mut named = BTreeSet::new();
+        names.retain(|name| named.insert(name.clone()));
         let segments = names.iter().map(|n| all.get(n)).collect::<Result<Vec<_>, _>>().map_err(RunError::input)?;
         let first =
             segments.first().ok_or_else(|| RunError::input("no segments yet; run `volseggs segment coarse`"))?;

@@ -117,7 +117,9 @@ impl Clicking {
         let Some((field, spec)) = &self.field else { return };
         let ready = |name: Option<Name>, members: &[u32]| {
             let known = self.known.borrow_mut().remove(&name).unwrap_or_default();
-            let of = Candidates::new(field, &spec.frame, &self.places, &self.at, members).with_found(known);
+            let of = Candidates::new(field, &spec.frame, &self.places, &self.at, members)
+                .of_segment(name.is_some())
+                .with_found(known);
             if prepare(&of).is_ok() {
                 self.known.borrow_mut().insert(name, of.into_found());
             }
@@ -177,7 +179,9 @@ impl Clicking {
             None => (0..self.at.len() as u32).collect(),
         };
         let known = self.known.borrow_mut().remove(&hit.within).unwrap_or_default();
-        let of = Candidates::new(field, &spec.frame, &self.places, &self.at, &candidates).with_found(known);
+        let of = Candidates::new(field, &spec.frame, &self.places, &self.at, &candidates)
+            .of_segment(hit.within.is_some())
+            .with_found(known);
         let picked = pick(&of, hit.gaussian, options);
         let mut known = self.known.borrow_mut();
         if known.len() >= KNOWN {

@@ -48,6 +48,8 @@ pub struct RunSegments {
     found: History,
     /// The file of edits, in which segments are renamed too.
     edits: PathBuf,
+    /// The folder of tracks, which are named after segments.
+    tracks: PathBuf,
     /// Old and new names that the edits do not reflect yet, in order.
     renamed: Vec<[Name; 2]>,
 }
@@ -84,7 +86,9 @@ impl RunSegments {
     }
 
     fn of(run: &OpenRun, found: History) -> Self {
-        Self { path: run.paths().segments(), found, edits: run.paths().edits(), renamed: Vec::new() }
+        let paths = run.paths();
+        let (path, edits, tracks) = (paths.segments(), paths.edits(), paths.tracks());
+        Self { path, found, edits, tracks, renamed: Vec::new() }
     }
 
     /// Returns the current segments.
@@ -130,19 +134,61 @@ impl RunSegments {
     /// Undoes or redoes `count` changes, all of them or none; returns what they were.
     ///
     /// # Errors
-    /// If there are fewer than `count`.
+    /// If there are fewer than `count`, or one of them renames a segment and [`RunSegments::rename`] would refuse that.
     pub fn step(&mut self, towards: Towards, count: usize) -> Result<Vec<String>, RunError> {
         check_count(towards, count, self.steps(towards).len(), &self.path)?;
+        let renames = self.check_renames(towards, count)?;
         let mut done = Vec::with_capacity(count);
         for _ in 0..count {
-            let (renames, step) = match towards {
-                Towards::Undo => (self.found.undo_renames(), self.found.undo()),
-                Towards::Redo => (self.found.redo_renames(), self.found.redo()),
-            };
-            self.renamed.extend(renames);
-            done.extend(step);
+            done.extend(match towards {
+                Towards::Undo => self.found.undo(),
+                Towards::Redo => self.found.redo(),
+            });
         }
+        self.renamed.extend(renames);
         Ok(done)
+    }
+
+    /// Returns the renamings that the next `count` steps perform.
+    ///
+    /// # Errors
+    /// The first one that [`RunSegments::rename`] would refuse.
+    fn check_renames(&self, towards: Towards, count: usize) -> Result<Vec<[Name; 2]>, RunError> {
+        let next = |count| match towards {
+            Towards::Undo => self.found.undo_renames(count),
+            Towards::Redo => self.found.redo_renames(count),
+        };
+        let renames = next(count);
+        if renames.is_empty() {
+            return Ok(renames);
+        }
+        let mut edits = if self.edits.exists() {
+            EditStack::load(&self.edits).map_err(RunError::input)?
+        } else {
+            EditStack::default()
+        };
+        for [old, new] in &self.renamed {
+            edits.rename(old, new);
+        }
+        for (i, [old, new]) in renames.iter().enumerate() {
+            let first = i == 0 && !next(1).is_empty();
+            if !(first && self.interrupted(towards, &edits, old, new)) {
+                self.check_rename(&edits, old, new)
+                    .map_err(|e| RunError::input(format!("cannot {} renaming a segment: {e}", towards.verb())))?;
+            }
+            edits.rename(old, new);
+        }
+        Ok(renames)
+    }
+
+    /// Returns whether the edits were not written after the segments when `new` was renamed to `old`, so that they
+    /// still name `new`, which the next step restores: no other segment can have had that name since.
+    fn interrupted(&self, towards: Towards, edits: &EditStack, old: &str, new: &str) -> bool {
+        let unused = match towards {
+            Towards::Undo => self.found.redoable().is_empty(),
+            Towards::Redo => !self.found.had(new),
+        };
+        unused && edits.names(new) && !edits.names(old)
     }
 
     /// Renames the segment `old` to `new`. Its parts remain its parts, and edits of it are renamed when this is saved;
@@ -150,24 +196,38 @@ impl RunSegments {
     ///
     /// # Errors
     /// If there is no such segment, the name is taken, edits of a removed segment or undone edits use the name, or a
-    /// track is named after the segment.
+    /// track has the old or the new name.
     pub fn rename(&mut self, run: &OpenRun, old: &str, new: &Name) -> Result<(), RunError> {
         let old = self.now().get(old).map_err(RunError::input)?.name.clone();
-        let track = run.paths().tracks().join(&old);
-        if track.exists() {
-            return Err(RunError::input(format!(
-                "{old}: its track {} is named after it; rename or remove that folder first",
-                track.display()
-            )));
-        }
-        if run.edits()?.names(new) {
-            return Err(RunError::input(format!(
-                "{new}: edits of a removed segment, or undone edits, have that name in {}; choose another",
-                self.edits.display()
-            )));
-        }
+        self.check_rename(&run.edits()?, &old, new).map_err(RunError::input)?;
         self.found.rename(&old, new).map_err(RunError::input)?;
         self.renamed.push([old, new.clone()]);
+        Ok(())
+    }
+
+    /// Checks that a renaming leaves no track under a name that is no longer its segment's, and gives the segment no
+    /// edits of another.
+    ///
+    /// # Errors
+    /// A message that names the folder or file.
+    fn check_rename(&self, edits: &EditStack, old: &Name, new: &Name) -> Result<(), String> {
+        let track = self.tracks.join(old);
+        if track.exists() {
+            let track = track.display();
+            return Err(format!("{old}: its track {track} is named after it; rename or remove that folder first"));
+        }
+        let track = self.tracks.join(new);
+        if track.exists() {
+            let track = track.display();
+            return Err(format!("{new}: {track} is the track of another segment; rename or remove that folder first"));
+        }
+        if edits.names(new) {
+            return Err(format!(
+                "{new}: edits of a removed segment, or undone edits, have that name in {}; choose another, or clear \
+                 them with `volseggs edit clear`",
+                self.edits.display()
+            ));
+        }
         Ok(())
     }
 

@@ -54,13 +54,16 @@ pub struct Candidates<'a> {
     pub at: &'a HostGaussians,
     /// Indices of the candidates `[M]`, ascending.
     pub within: &'a [u32],
+    /// Whether they are the whole scene, where objects touch each other, so that connected pieces are no levels.
+    pub whole: bool,
     found: Found,
 }
 
 impl<'a> Candidates<'a> {
     /// Candidates among the Gaussians `at` (`[N]`, at the current time): `within` lists their indices `[M]`, ascending,
     /// below N. The `field` is evaluated at `places` `[N, 3]`, world units, the positions at the time that it was
-    /// trained at; `frame` is its box.
+    /// trained at; `frame` is its box. Candidates that are all Gaussians are taken for the whole scene, see
+    /// [`Self::of_segment`].
     #[must_use]
     pub fn new(
         field: &'a AffinityField,
@@ -69,7 +72,14 @@ impl<'a> Candidates<'a> {
         at: &'a HostGaussians,
         within: &'a [u32],
     ) -> Self {
-        Self { field, frame, places, at, within, found: Found::default() }
+        Self { field, frame, places, at, within, whole: within.len() == at.len(), found: Found::default() }
+    }
+
+    /// Sets whether the candidates are a segment, which may hold every Gaussian, or the whole scene.
+    #[must_use]
+    pub fn of_segment(mut self, segment: bool) -> Self {
+        self.whole = !segment;
+        self
     }
 
     /// Reuses what [`Self::into_found`] returned for exactly the same arguments.

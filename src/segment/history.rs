@@ -76,17 +76,25 @@ impl History {
         Ok(())
     }
 
-    /// Returns the renaming that the next [`History::undo`] performs, if any: the current name, then the restored one.
+    /// Returns the renamings that the next `count` calls of [`History::undo`] perform, in order: the name before it,
+    /// then the restored one.
     #[must_use]
-    pub fn undo_renames(&self) -> Option<[Name; 2]> {
-        let [old, new] = self.steps.undo.last()?.renamed.clone()?;
-        Some([new, old])
+    pub fn undo_renames(&self, count: usize) -> Vec<[Name; 2]> {
+        let next = self.steps.undo.iter().rev().take(count).filter_map(|s| s.renamed.clone());
+        next.map(|[old, new]| [new, old]).collect()
     }
 
-    /// Returns the renaming that the next [`History::redo`] performs, if any: the current name, then the new one.
+    /// Returns the renamings that the next `count` calls of [`History::redo`] perform, in order: the name before it,
+    /// then the new one.
     #[must_use]
-    pub fn redo_renames(&self) -> Option<[Name; 2]> {
-        self.steps.redo.last()?.renamed.clone()
+    pub fn redo_renames(&self, count: usize) -> Vec<[Name; 2]> {
+        self.steps.redo.iter().rev().take(count).filter_map(|s| s.renamed.clone()).collect()
+    }
+
+    /// Returns whether a state that [`History::undo`] can restore has a segment of this name.
+    #[must_use]
+    pub fn had(&self, name: &str) -> bool {
+        self.steps.undo.iter().flat_map(|s| &s.segments).any(|past| *past.segment.name == *name)
     }
 
     /// Undoes the last change and returns its description; `None` if there is none.
@@ -225,12 +233,13 @@ mod tests {
         assert_eq!((names(&history), history.undoable()[0]), (vec!["red", "sky"], "rename blue sky"));
         history.save(&path).unwrap();
         let mut history = History::load(&path).unwrap();
-        assert_eq!(history.undo_renames(), Some([sky.clone(), blue.clone()]));
+        assert_eq!(history.undo_renames(9), [[sky.clone(), blue.clone()]]);
+        assert!(history.had("blue") && !history.had("sky"));
         history.undo();
-        assert_eq!((names(&history), history.undo_renames()), (vec!["red", "blue"], None));
-        assert_eq!(history.redo_renames(), Some([blue.clone(), sky.clone()]));
+        assert_eq!((names(&history), history.undo_renames(1)), (vec!["red", "blue"], Vec::new()));
+        assert_eq!(history.redo_renames(1), [[blue.clone(), sky.clone()]]);
         history.redo();
-        assert_eq!(history.undo_renames(), Some([sky, blue]));
+        assert_eq!((history.undo_renames(0), history.undo_renames(1)), (Vec::new(), vec![[sky, blue]]));
     }
 
     #[test]

@@ -105,7 +105,7 @@ pub fn likeliest(of: &Candidates<'_>, clicked: u32) -> Result<Level, PickError> 
 pub fn prepare(of: &Candidates<'_>) -> Result<(), PickError> {
     of.shown();
     SCALES.into_iter().for_each(|scale| drop(of.features(scale)));
-    if is_whole(of) {
+    if of.whole {
         return Ok(());
     }
     let pieces = of.pieces()?;
@@ -115,11 +115,6 @@ pub fn prepare(of: &Candidates<'_>) -> Result<(), PickError> {
         of.parts(piece, &members.collect::<Vec<_>>())?;
     }
     Ok(())
-}
-
-/// Whether the candidates are the whole scene, where connected pieces are no levels.
-fn is_whole(of: &Candidates<'_>) -> bool {
-    of.within.len() == of.at.len()
 }
 
 /// Returns the plateaus of the affinity, from small to large; at least one.
@@ -152,7 +147,7 @@ fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickErro
 /// whole scene, or if the clicked Gaussian is in no piece.
 fn in_space(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
     let position = of.position(clicked)?;
-    if is_whole(of) {
+    if of.whole {
         return Ok(Vec::new());
     }
     let labels = &of.pieces()?.labels;

@@ -70,6 +70,19 @@ fn a_click_on_one_of_two_touching_beads_selects_it_and_a_higher_level_has_both()
 }
 
 #[test]
+fn a_segment_of_all_gaussians_has_pieces_and_the_whole_scene_has_none() {
+    let device = DeviceName::all()[0].open().unwrap();
+    let at = APART.gaussians();
+    let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
+    let all: Vec<u32> = (0..at.len() as u32).collect();
+    let of = |segment| Candidates::new(&field, &frame, &at.means, &at, &all).of_segment(segment);
+    let (found, n) = levels(&of(true), 31).unwrap();
+    assert!(found[n].piece && likeliest(&of(true), 31).unwrap() == found[n]);
+    assert!(found.iter().any(|l| l.piece && overlap(&l.members, &all[..COUNT]) > 0.9), "the clicked ball");
+    assert!(levels(&of(false), 31).unwrap().0.iter().all(|l| !l.piece));
+}
+
+#[test]
 fn a_plateau_is_found_between_two_slopes() {
     // 100 Gaussians with cosines of 0.45 to 0.55, and the 50 of the object itself at 0.92
     let cosines: Vec<f32> = (0..100).map(|n| 0.45 + 0.001 * n as f32).chain((0..50).map(|_| 0.92)).collect();

@@ -5,6 +5,7 @@ use super::axes::{Variant, flatten};
 use super::file::{HalvingSpec, SweepFile};
 use super::key::is_key;
 use super::plan::{Plan, PlanOptions};
+use super::result::{OF_BOTH, OF_RUNS, OF_SEGMENTS};
 use crate::config::types::Config;
 use crate::device::DeviceName;
 use crate::nesting::check_toml;
@@ -98,6 +99,28 @@ pub(super) fn check_paper(file: &SweepFile, variants: &[Variant]) -> Result<(), 
             Err((format!("paper.rows.\"{row}\""), format!("no variant has this name; available: {}", names.join(", "))))
         }
     }
+}
+
+/// Refuses metrics that no row of the table would have, before everything is trained for an empty column.
+pub(super) fn check_metrics(plan: &Plan) -> Result<(), String> {
+    let segments = plan.entries.iter().any(|e| e.segments.is_some());
+    let scenes = plan.entries.iter().any(|e| e.segments.is_none());
+    for id in plan.metrics.iter().map(String::as_str) {
+        let of_segments = OF_SEGMENTS.contains(&id);
+        if of_segments && !segments {
+            return Err(format!(
+                "\"{id}\" is a metric of segments, which this sweep does not measure; add [segments], or \
+                 remove the metric"
+            ));
+        }
+        if !(of_segments || OF_BOTH.contains(&id) || OF_RUNS.contains(&id) || scenes) {
+            return Err(format!(
+                "\"{id}\" is measured of the whole scene only, and with [segments] each row is a segment; remove the \
+                 metric, or [segments]"
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Refuses early stopping with an invalid fraction or rungs, or at a step by which a run has no live test PSNR.

@@ -4,7 +4,8 @@ use super::halving;
 use super::key::parts;
 use super::plan::{Entry, Plan};
 use super::result::{
-    Failure, Measured, Metrics, failure_path, live_psnr, metrics_path, read, read_metrics, read_segments, segments_path,
+    Failure, Measured, Metrics, OF_RUNS, failure_path, live_psnr, metrics_path, read, read_metrics, read_segments,
+    segments_path,
 };
 use crate::compare::{Outcome, OutcomeState, ResultSet};
 use crate::program::short;
@@ -53,13 +54,15 @@ pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
             });
             continue;
         };
+        let shown = plan.metrics.iter().filter(|id| OF_RUNS.contains(&id.as_str()));
+        let of_run: Metrics = shown.filter_map(|id| Some((id.clone(), *whole.as_ref()?.metrics.get(id)?))).collect();
         match read_segments(&segments_path(plan, entry.run, &run.segments[index])) {
             // no segment can be clicked at that time: shown as not measured, rather than omitted
             Some(scores) if scores.metrics.is_empty() => outcomes.push(open(Metrics::new())),
             None => outcomes.push(open(Metrics::new())),
             Some(scores) => outcomes.extend(scores.metrics.into_iter().map(|(segment, metrics)| Outcome {
                 segment,
-                metrics,
+                metrics: metrics.into_iter().chain(of_run.clone()).collect(),
                 measured_by: short(&scores.build).to_owned(),
                 state: OutcomeState::Done,
                 ..base.clone()
@@ -91,4 +94,31 @@ fn in_table_order(plan: &Plan) -> Vec<&Entry> {
     let run = |e: &Entry| (plan.runs[e.run].dataset.clone(), plan.runs[e.run].device.clone());
     entries.sort_by_key(|e| (run(e), place(e)));
     entries
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sweep::PlanOptions;
+    use crate::sweep::result::write_measured;
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn rows_of_segments_show_what_is_of_the_whole_run() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("parts.toml");
+        let text = "config = 'demo'\nmetrics = ['iou', 'psnr', 'fps']\n[segments]\nmethod = 'coarse'\n[data]\n\
+                    jets = { synthetic = 'jets', segments = true, size = 40, times = 3, views = 4, test_views = 5 }\n";
+        std::fs::write(&path, text).unwrap();
+        let plan = Plan::new(&path, &PlanOptions { out: dir.path().to_owned(), ..PlanOptions::default() }).unwrap();
+        std::fs::create_dir_all(plan.run_folder(0)).unwrap();
+        let of = |values: &[(&str, f64)]| -> Metrics { values.iter().map(|(id, v)| ((*id).to_owned(), *v)).collect() };
+        let whole = of(&[("psnr", 30.0), ("fps", 20.0), ("fps_with_copy", 10.0), ("gaussians", 5.0)]);
+        write_measured(&metrics_path(&plan, 0), whole).unwrap();
+        let segments = BTreeMap::from([("red".to_owned(), of(&[("iou", 80.0), ("psnr", 25.0)]))]);
+        write_measured(&segments_path(&plan, 0, &plan.runs[0].segments[0]), segments).unwrap();
+        let outcomes = collect(&plan, dir.path()).outcomes;
+        assert_eq!((outcomes.len(), outcomes[0].segment.as_str()), (1, "red"));
+        assert_eq!(outcomes[0].metrics, of(&[("iou", 80.0), ("psnr", 25.0), ("fps", 20.0)]));
+    }
 }

@@ -6,7 +6,8 @@ use super::builds::OtherBuilds;
 use super::datasets::DataPlan;
 use super::file::EvalSpec;
 use super::plan::{Plan, Run};
-use super::result::{Progress, progress, read};
+use super::result::{Progress, progress, read, read_segments, segments_path};
+use super::spec::SegmentSpec;
 use crate::config::types::{Config, EncoderKind};
 use crate::files::RunPaths;
 use crate::method::{self, Work};
@@ -46,6 +47,19 @@ const PER_PIXEL_VIEW: f64 = 2.0e-6;
 const PER_PIXEL_LPIPS: f64 = 1.5e-5;
 /// Seconds for each pixel of a synthetic dataset that is still to be rendered.
 const PER_PIXEL_RENDERED: f64 = 3.0e-6;
+/// Seconds for each training step of an affinity field and each Gaussian, with [`FINE_PIXELS`] pixels. What is about
+/// segments was measured with 12,000 Gaussians and 30 views of 240x240, 1500 steps of a field and 500 of SAGA.
+const PER_FINE: f64 = 80.0 / (1500.0 * 12_000.0);
+/// The same within the clicked colour.
+const PER_FINE_COLOUR: f64 = 26.0 / (1500.0 * 12_000.0);
+/// Pixels of a step that these were measured with.
+const FINE_PIXELS: f64 = 2048.0;
+/// The same for each step of SAGA.
+const PER_SAGA: f64 = 100.0 / (500.0 * 12_000.0);
+/// Seconds for each pixel of the views with masks: the masks, and the clicks.
+const PER_PIXEL_MASKS: f64 = 15.0 / (30.0 * 240.0 * 240.0);
+/// Additional seconds for each of these pixels: the oracle.
+const PER_PIXEL_ORACLE: f64 = 20.0 / (30.0 * 240.0 * 240.0);
 /// Seconds for the report at the end.
 const REPORT: f64 = 2.0;
 
@@ -152,6 +166,21 @@ fn of_gaussians(config: &Config, pixels: f64) -> Share {
     Share { steps: warm + joint, cpu_seconds, view: end * (PER_GAUSSIAN_VIEW + products / 3.0), memory }
 }
 
+/// Estimates the seconds of CPU time that segments of a run of `config` on `data` take, measured as `spec` specifies.
+fn segmentation(spec: &SegmentSpec, config: &Config, data: &DataPlan) -> f64 {
+    let (fine, saga) = (spec.fine_steps as f64 * spec.pixels as f64 / FINE_PIXELS, spec.saga_steps as f64);
+    let per_gaussian = match spec.method.as_str() {
+        "fine" => fine * PER_FINE,
+        "coarse+fine" => fine * PER_FINE_COLOUR,
+        "saga" => saga * PER_SAGA,
+        // colours and votes are not trained
+        _ => 0.0,
+    };
+    let pixels = spec.views as f64 * f64::from(data.size[0]) * f64::from(data.size[1]);
+    let oracle = if spec.oracle { PER_PIXEL_ORACLE } else { 0.0 };
+    max_gaussians(config) as f64 * per_gaussian + pixels * (PER_PIXEL_MASKS + oracle)
+}
+
 fn cores() -> f64 {
     std::thread::available_parallelism().map_or(1.0, |n| usize::from(n) as f64)
 }
@@ -160,9 +189,13 @@ fn cores() -> f64 {
 #[must_use]
 pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize) -> Estimate {
     let cores = cores();
-    let of = |run: &Run| -> Option<Cost> {
+    // its cost, and that of its segments that are not measured yet
+    let of = |i: usize, run: &Run| -> Option<(Cost, f64)> {
         let config: Config = toml::from_str(&run.config).ok()?;
-        Some(cost(&config, plan.datasets.get(&run.dataset)?, &plan.eval))
+        let data = plan.datasets.get(&run.dataset)?;
+        let left = run.segments.iter().filter(|spec| read_segments(&segments_path(plan, i, spec)).is_none());
+        let segments = left.map(|spec| segmentation(spec, &config, data)).sum();
+        Some((cost(&config, data, &plan.eval), segments))
     };
     // processes share the cores, so running several at a time takes as long as one after the other
     let wall = |cpu_seconds: f64| cpu_seconds / (cores * BUSY);
@@ -172,16 +205,19 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize) -> Estimate {
     let record = |folder: &Path| read::<RunRecord>(&RunPaths(folder).record()).filter(|r| r.status == "complete");
     let (mut seconds, mut around, mut memory, mut open) = (0.0, 0.0, 0.0f64, 0);
     for (i, run) in plan.runs.iter().enumerate() {
-        let Some(cost) = of(run) else { continue };
+        let Some((cost, segments)) = of(i, run) else { continue };
         let of_others = || others.of(i).first().and_then(|key| record(&plan.runs_folder.join(key)));
-        if let Some(record) = record(&plan.run_folder(i)).or_else(of_others) {
+        let own = record(&plan.run_folder(i));
+        let trained = own.is_some();
+        if let Some(record) = own.or_else(of_others) {
             let threads = record.threads as f64;
             ratios.push(record.training_seconds * threads * BUSY / cost.cpu_seconds.max(1e-9));
         }
         if runs.contains(&i) && progress(plan, i) == Progress::Open {
             open += 1;
-            seconds += wall(cost.cpu_seconds);
-            around += wall(cost.around);
+            // what is trained is only measured
+            seconds += if trained { 0.0 } else { wall(cost.cpu_seconds) };
+            around += wall(cost.around + segments);
             memory = memory.max(cost.memory);
         }
     }
@@ -240,6 +276,50 @@ mod tests {
         let before = of(&[0, 1]).correction;
         write(&own.join("run.json"), &record).unwrap();
         assert!((of(&[0, 1]).correction / before - 10.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_run_that_is_trained_but_not_measured_takes_no_training() {
+        let dir = tempfile::tempdir().unwrap();
+        let plan = plan_in(dir.path(), "[0]", 5);
+        let before = estimate(&plan, &[0], 1);
+        std::fs::create_dir_all(plan.run_folder(0)).unwrap();
+        let record = RunRecord { status: "complete".into(), threads: 2, training_seconds: 1e4, ..RunRecord::default() };
+        write(&plan.run_folder(0).join("run.json"), &record).unwrap();
+        let after = estimate(&plan, &[0], 1);
+        assert_eq!((before.open, after.open), (1, 1), "it is still to be measured");
+        assert!(after.correction > 100.0 && after.seconds < before.seconds && after.seconds > REPORT, "{after:?}");
+    }
+
+    #[test]
+    fn segments_cost_as_measured_until_they_are_done() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("parts.toml");
+        let text = "config = 'demo'\n[segments]\nmethod = 'fine'\n[data]\njets = { synthetic = 'jets', \
+                    segments = true, size = 240, times = 3, views = 4, test_views = 5 }\n";
+        std::fs::write(&path, text).unwrap();
+        let plan = Plan::new(&path, &PlanOptions { out: dir.path().to_owned(), ..PlanOptions::default() }).unwrap();
+        let config: Config = toml::from_str(&plan.runs[0].config).unwrap();
+        let data = plan.datasets.values().next().unwrap();
+        let n = max_gaussians(&config) as f64 / 12_000.0;
+        for (method, oracle, expected) in [
+            ("coarse+fine", false, 26.0 * n + 15.0),
+            ("fine", true, 80.0 * n + 35.0),
+            ("saga", false, 100.0 * n + 15.0),
+            ("coarse", true, 35.0),
+        ] {
+            let method = method.to_owned();
+            let steps = SegmentSpec { fine_steps: 1500, saga_steps: 500, views: 30, ..SegmentSpec::default() };
+            let found = segmentation(&SegmentSpec { method, oracle, ..steps }, &config, data);
+            assert!((found - expected).abs() < 1e-6 * expected, "{found} {expected}");
+        }
+        let spec = &plan.runs[0].segments[0];
+        let before = seconds(&plan);
+        std::fs::create_dir_all(plan.run_folder(0)).unwrap();
+        write(&segments_path(&plan, 0, spec), &std::collections::BTreeMap::<String, f64>::new()).unwrap();
+        let saved = before - seconds(&plan);
+        let expected = segmentation(spec, &config, data) / (cores() * BUSY);
+        assert!((saved - expected).abs() < 1e-6 * expected, "{saved} {expected}");
     }
 
     fn seconds(plan: &Plan) -> f64 {

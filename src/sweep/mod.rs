@@ -9,6 +9,7 @@ pub mod builds;
 mod checks;
 pub mod claim;
 pub mod collect;
+mod contents;
 mod datasets;
 pub mod devices;
 mod error;
@@ -24,6 +25,7 @@ pub mod slurm;
 pub mod spec;
 pub mod work;
 
+pub use contents::Contents;
 pub use datasets::DataPlan;
 pub use error::SweepError;
 pub use plan::{Entry, Plan, PlanOptions, Run};

@@ -5,7 +5,8 @@
 
 use super::SweepError;
 use super::axes::{Variant, all_seeds, check_count, variants};
-use super::checks::{baseline, check_halving, check_lists, check_paper, check_plan, check_seed_keys};
+use super::checks::{baseline, check_halving, check_lists, check_metrics, check_paper, check_plan, check_seed_keys};
+use super::contents::Contents;
 use super::datasets::{DataPlan, check_truth, datasets, fingerprint};
 use super::file::{EvalSpec, HalvingSpec, SweepFile, name_of};
 use super::key::{key, recipe, short_hash};
@@ -61,6 +62,9 @@ pub struct Plan {
     pub baseline: String,
     /// How runs are measured.
     pub eval: EvalSpec,
+    /// Digests of the weights and masks that they are measured with.
+    #[serde(default, skip_serializing_if = "Contents::is_empty")]
+    pub contents: Contents,
     /// Early stopping.
     pub halving: Option<HalvingSpec>,
     /// The paper's figures.
@@ -162,6 +166,7 @@ impl Plan {
             metrics: file.metrics.clone(),
             baseline,
             eval: file.eval.clone(),
+            contents: Contents::default(),
             halving: file.halving.clone(),
             paper: file.paper.clone(),
             runs_folder: options.out.join("runs"),
@@ -195,6 +200,7 @@ impl Plan {
             }
         }
         let has_segments = plan.entries.iter().any(|e| e.segments.is_some());
+        check_metrics(&plan).map_err(|e| bad("metrics", e))?;
         if has_segments {
             check_truth(&plan.datasets, path)?;
         }
@@ -205,6 +211,9 @@ impl Plan {
         if let Some(halving) = &plan.halving {
             check_halving(halving, &plan).map_err(|e| bad("halving", e))?;
         }
+        let specs = plan.runs.iter().flat_map(|run| &run.segments);
+        let contents = Contents::read(&plan.eval.lpips_weights, specs);
+        plan.contents = contents.map_err(|(key, problem)| bad(&key, problem))?;
         Ok(plan)
     }
 

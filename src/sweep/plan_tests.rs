@@ -92,6 +92,9 @@ fn invalid_sweeps_are_errors_that_name_the_cause() {
         ("[grid]\nseed = [1, 2]", "grid.seed: seeds are a separate axis; write seeds = [1, 2]"),
         ("[random]\ncount = 100000000000\n[random.keys]\n'loss.tv' = { low = 0, high = 1 }", "random.count"),
         ("metrics = ['psnrr']", "psnrr"),
+        ("metrics = ['psnr', 'iou_3d']", "metrics: \"iou_3d\" is a metric of segments"),
+        ("metrics = ['segment_seconds']", "add [segments]"),
+        ("metrics = ['iou', 'psnr_edge']\n[segments]\nviews = 7", "\"psnr_edge\" is measured of the whole scene only"),
         ("baseline = 'nobody'", "nobody"),
         ("sedes = [1]", "sedes"),
         ("config = 'no-such-preset'", "no-such-preset"),
@@ -283,4 +286,64 @@ fn changed_test_views_or_ground_truth_are_measured_again_without_training() {
         assert_eq!(now.0, before.0, "nothing is trained again");
         assert!(now.1 != last.1 && now.2 != last.2, "{name}");
     }
+}
+
+#[test]
+fn metrics_of_runs_and_of_segments_are_accepted_where_a_row_has_them() {
+    let data = DATA.replace("size", "segments = true, size");
+    let all = "metrics = ['iou', 'psnr', 'fps', 'fps_with_copy', 'training_minutes', 'gaussians', 'segment_seconds']";
+    assert!(plan(&format!("config = 'demo'\n{all}\n[segments]\nviews = 7\n{data}")).is_ok());
+    // one variant with segments, one without
+    let both = "metrics = ['iou', 'psnr_edge']\n[[variant]]\nname = 'scene'\n[[variant]]\nname = 'parts'\n\
+                set = { 'segments.method' = 'coarse' }";
+    assert!(plan(&format!("config = 'demo'\n{both}\n{data}")).is_ok());
+}
+
+#[test]
+fn replaced_masks_and_weights_are_measured_again_without_training() {
+    let dir = tempfile::tempdir().unwrap();
+    let put = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    std::fs::create_dir_all(dir.path().join("masks/scene")).unwrap();
+    for name in ["masks/scene/a_1.png", "sam.safetensors", "lpips.safetensors"] {
+        put(name, "one");
+    }
+    let text = "config = 'demo'\n[eval]\nlpips_weights = ['lpips.safetensors']\n[segments]\nmethod = 'fine'\n\
+                [[variant]]\nname = 'dir'\nset = { 'segments.masks' = 'dir', 'segments.mask_dir' = 'masks' }\n\
+                [[variant]]\nname = 'sam'\nset = { 'segments.masks' = 'sam', \
+                'segments.sam_weights' = 'sam.safetensors' }\n";
+    put("one.toml", &(text.to_owned() + &DATA.replace("size", "segments = true, size")));
+    let options = PlanOptions { out: dir.path().into(), ..PlanOptions::default() };
+    let places = || {
+        let plan = Plan::new(&dir.path().join("one.toml"), &options).unwrap();
+        plan.save(&dir.path().join("one")).unwrap();
+        assert_eq!(Plan::load(&dir.path().join("one"), None).unwrap().contents, plan.contents);
+        let segments = |i: usize| segments_path(&plan, 0, &plan.runs[0].segments[i]);
+        (plan.runs[0].key.clone(), [metrics_path(&plan, 0), segments(0), segments(1)])
+    };
+    let before = places();
+    assert_eq!(before, places());
+    for (name, changes) in [
+        ("masks/scene/a_1.png", [false, true, false]),
+        ("masks/scene/a_2.png", [false, true, false]),
+        ("sam.safetensors", [false, false, true]),
+        ("lpips.safetensors", [true, true, true]),
+    ] {
+        let last = places();
+        put(name, "two");
+        let now = places();
+        assert_eq!(now.0, before.0, "nothing is trained again");
+        for (i, changed) in changes.into_iter().enumerate() {
+            assert_eq!(now.1[i] != last.1[i], changed, "{name} {i}");
+        }
+    }
+}
+
+#[test]
+fn without_masks_and_weights_measurements_keep_their_names() {
+    let data = DATA.replace("size", "segments = true, size");
+    let plan = plan(&format!("config = 'demo'\n[segments]\nviews = 7\n{data}")).unwrap();
+    assert!(!serde_json::to_string(&plan).unwrap().contains("contents"));
+    let (spec, measured) = (&plan.runs[0].segments[0], &plan.datasets["jets"].measured);
+    let text = format!("[]{}{measured}", serde_json::to_string(spec).unwrap());
+    assert!(segments_path(&plan, 0, spec).ends_with(format!("segments-{}.json", short_hash(&text))));
 }

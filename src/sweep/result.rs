@@ -14,6 +14,15 @@ use std::path::{Path, PathBuf};
 /// Metrics by id.
 pub type Metrics = BTreeMap<String, f64>;
 
+/// Metrics that only segments have.
+pub(super) const OF_SEGMENTS: [&str; 7] =
+    ["iou_3d", "iou_3d_least", "iou", "iou_least", "iou_3d_oracle", "iou_oracle", "segment_seconds"];
+/// Metrics that a segment and the whole scene have, each its own.
+pub(super) const OF_BOTH: [&str; 4] = ["psnr", "ssim", "ssim_gray", "lpips_alex"];
+/// Metrics of a run that are the same for all its segments, whose rows show them too.
+pub(super) const OF_RUNS: [&str; 7] =
+    ["fps", "fps_with_copy", "training_minutes", "model_mib", "model_mb", "gaussians", "peak_memory_gb"];
+
 /// A file of metrics: those of a run, or of its segments by name.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measured<T> {
@@ -52,7 +61,8 @@ pub fn metrics_in(plan: &Plan, index: usize, folder: &Path) -> PathBuf {
     // when further metrics are registered, everything is measured again
     let registered: String =
         crate::eval::metric::registered().into_iter().map(|(name, _)| format!(" {name}")).collect();
-    let text = text_of(&plan.eval) + &registered + measured_on(plan, index);
+    let weights = plan.contents.of_lpips(&plan.eval.lpips_weights);
+    let text = text_of(&plan.eval) + &registered + measured_on(plan, index) + &weights;
     folder.join(format!("metrics-{}.json", short_hash(&text)))
 }
 
@@ -64,7 +74,9 @@ pub fn segments_path(plan: &Plan, index: usize, spec: &SegmentSpec) -> PathBuf {
 
 fn segments_in(plan: &Plan, index: usize, spec: &SegmentSpec, folder: &Path) -> PathBuf {
     // the LPIPS weights are those of the evaluation
-    let text = text_of(&plan.eval.lpips_weights) + &text_of(spec) + measured_on(plan, index);
+    let lpips = &plan.eval.lpips_weights;
+    let contents = plan.contents.of_lpips(lpips) + &plan.contents.of_segments(spec);
+    let text = text_of(lpips) + &text_of(spec) + measured_on(plan, index) + &contents;
     folder.join(format!("segments-{}.json", short_hash(&text)))
 }
 

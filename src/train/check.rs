@@ -117,6 +117,7 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     check_times(&config.data)?;
     check_densify(&config.densify)?;
     check_budget(config)?;
+    check_resets(config)?;
     if config.optim.warmup_decay_steps == 0 {
         return bad("optim.warmup_decay_steps = 0: at least 1".into());
     }
@@ -245,6 +246,23 @@ fn check_budget(config: &Config) -> Result<(), TrainError> {
     }
 }
 
+/// Refuses opacity resets that never come.
+fn check_resets(config: &Config) -> Result<(), TrainError> {
+    let (densify, warmup) = (&config.densify, config.stages.warmup_steps);
+    let reset = densify.opacity_reset;
+    let text = if densify.opacity_reset_joint && reset == 0 {
+        "densify.opacity_reset_joint = true: has an effect only with densify.opacity_reset; set that as well".to_owned()
+    } else if !densify.opacity_reset_joint && reset > warmup {
+        format!(
+            "densify.opacity_reset = {reset}: never comes, as warm-up ends after stages.warmup_steps = {warmup}; set \
+             densify.opacity_reset_joint to true, or densify.opacity_reset to 0"
+        )
+    } else {
+        return Ok(());
+    };
+    Err(TrainError::Config(text))
+}
+
 /// Refuses unregistered names at the start, not after hours of training.
 fn check_registered(config: &Config) -> Result<(), TrainError> {
     let bad = |text: String| Err(TrainError::Config(text));
@@ -300,7 +318,7 @@ mod tests {
     fn invalid_values_are_named_with_the_values_allowed() {
         check(&Config::default()).unwrap();
         type Edit = fn(&mut Config);
-        let cases: [(Edit, [&str; 2]); 28] = [
+        let cases: [(Edit, [&str; 2]); 30] = [
             (|c| c.optim.warmup_decay_steps = 0, ["optim.warmup_decay_steps = 0", "at least 1"]),
             (|c| c.data.only_times = vec![0.5, 1.5], ["data.only_times: 1.5", "between 0 and 1"]),
             (|c| c.data.only_times = vec![-0.5], ["data.only_times = -0.5", "0 or above"]),
@@ -310,6 +328,8 @@ mod tests {
             (|c| c.densify.prune_every = 0, ["densify.prune_every = 0", "at least 1"]),
             (|c| c.densify.prune_size = 0.1, ["densify.prune_size = 0.1", "densify.opacity_reset"]),
             (|c| c.densify.opacity_reset_until = 9, ["densify.opacity_reset_until = 9", "densify.opacity_reset "]),
+            (|c| c.densify.opacity_reset = 3000, ["densify.opacity_reset = 3000", "stages.warmup_steps = 500"]),
+            (|c| c.densify.opacity_reset_joint = true, ["opacity_reset_joint = true", "set that as well"]),
             (|c| c.densify.mode = DensifyMode::Off, ["densify.budget = 150000", "densify.mode = \"off\""]),
             (
                 |c| {

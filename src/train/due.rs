@@ -61,9 +61,9 @@ pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
     // the last step of each line towards a budget, so that the line ends at the budget
     let ends = stage.is_joint() || joint.steps() == 0 || d.warmup_budget > 0;
     let is_last = ends && step == span.until;
-    let every = |n: usize| within && (step.is_multiple_of(n.max(1)) || is_last);
+    let every = |n: usize| within && step.is_multiple_of(n.max(1));
     let grow_to = match d.mode {
-        _ if !every(d.every) => None,
+        _ if !(every(d.every) || is_last) => None,
         DensifyMode::Off => None,
         DensifyMode::Threshold if stage.is_joint() => Some(d.budget),
         DensifyMode::Threshold => Some(d.warmup_limit()),
@@ -73,12 +73,17 @@ pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
         Stage::Warmup(_) => step > d.prune_from,
         Stage::Joint(_) => d.prune_joint,
     };
+    // not at the last step as such: opacities since the last pruning may be those of a few times only
     let prunes = prunes && every(d.prune_every);
     // counted over the run, as resets may continue in the joint stage
     let of_run = stage.step_of_run(config) + 1;
-    let was_reset = d.opacity_reset > 0 && of_run > d.opacity_reset;
+    let resets = d.opacity_reset > 0 && (d.opacity_reset <= config.stages.warmup_steps || d.opacity_reset_joint);
+    let was_reset = resets && of_run > d.opacity_reset;
+    // after the last step of the run nothing would raise the opacities again
+    let goes_on = of_run < config.stages.warmup_steps + config.stages.joint_steps;
     let reset = (!stage.is_joint() || d.opacity_reset_joint)
         && d.opacity_reset > 0
+        && goes_on
         && (of_run == d.opacity_reset || of_run <= d.opacity_reset_until && of_run.is_multiple_of(d.opacity_reset));
     Due {
         grow_to,
@@ -97,7 +102,11 @@ fn line(stage: Stage, config: &Config, start: usize) -> usize {
         (Stage::Warmup(s), 0) => (start, d.budget, warmup.done(s + 1), warmup.steps() + joint.steps()),
         (Stage::Joint(s), 0) => (start, d.budget, warmup.steps() + joint.done(s + 1), warmup.steps() + joint.steps()),
         (Stage::Warmup(s), own) => (start, own, warmup.done(s + 1), warmup.steps()),
-        (Stage::Joint(s), own) => (own.max(start), d.budget, joint.done(s + 1), joint.steps()),
+        (Stage::Joint(s), own) => {
+            // warm-up too short to add any has not reached its budget
+            let from = if warmup.steps() > 0 { own.max(start) } else { start };
+            (from, d.budget, joint.done(s + 1), joint.steps())
+        }
     };
     let (from, to) = (from.min(to) as f64, to as f64);
     (from + (to - from) * (done as f64 / steps.max(1) as f64).min(1.0)).round() as usize
@@ -137,11 +146,11 @@ mod tests {
         (config.densify.budget, config.densify.warmup_from, config.densify.prune_every) = (1000, 100, 100);
         assert_eq!(targets(&config, 100).last(), Some(&1000));
         let pruned = warmup_steps(&config, |d| d.prune);
-        assert_eq!(pruned, [200, 300, 400, 500, 600, 700, 730], "and so does pruning");
+        assert_eq!(pruned, [200, 300, 400, 500, 600, 700], "never by the opacities of a few last steps");
         config.densify.warmup_until = 450;
         assert_eq!(warmup_steps(&config, |d| d.grow_to.is_some()), [200, 300, 400, 450]);
         assert_eq!(targets(&config, 100).last(), Some(&1000));
-        assert_eq!(warmup_steps(&config, |d| d.prune), [200, 300, 400, 450]);
+        assert_eq!(warmup_steps(&config, |d| d.prune), [200, 300, 400]);
         // a joint stage that adds no Gaussians does not count
         (config.stages.joint_steps, config.densify.joint_from) = (300, 300);
         assert_eq!(targets(&config, 100).last(), Some(&1000));
@@ -156,6 +165,10 @@ mod tests {
         assert!(all.is_sorted(), "{all:?}");
         assert_eq!((all[9], all.last()), (300, Some(&500)));
         assert_eq!(targets(&config, 400).first(), Some(&300), "above that from the start: none are added");
+        config.densify.warmup_from = 1000;
+        let joint = targets(&config, 100);
+        assert!(joint[0] < 120 && joint.last() == Some(&500), "warm-up adds none, so the line starts below: {joint:?}");
+        config.densify.warmup_from = 0;
         // warm-up above the second budget: the joint stage aims at that budget and removes none
         config.densify.warmup_budget = 700;
         let all = targets(&config, 100);
@@ -177,6 +190,8 @@ mod tests {
         config.stages.warmup_steps = 3000;
         assert_eq!(resets(&config), [3000], "its last step");
         assert!(!due(Stage::Joint(2999), &config, 100).reset);
+        config.stages.joint_steps = 0;
+        assert!(resets(&config).is_empty(), "the run ends there, with opacities near 0");
     }
 
     #[test]

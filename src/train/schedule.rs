@@ -76,7 +76,9 @@ impl Stage {
         if s < start || config.loss.dssim_last == 0 {
             return 0.0;
         }
-        let ramp = (s - start + 1) as f64 / config.loss.dssim_ramp.max(1) as f64;
+        // a ramp longer than what is left would never reach the weight
+        let ramp = config.loss.dssim_ramp.min(steps - start).max(1);
+        let ramp = (s - start + 1) as f64 / ramp as f64;
         config.loss.dssim * ramp.min(1.0)
     }
 }

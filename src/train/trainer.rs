@@ -256,7 +256,7 @@ impl Trainer {
             self.sort();
         }
         self.step += 1;
-        if self.step == self.config.stages.warmup_steps {
+        if self.step == self.config.stages.warmup_steps && self.config.stages.joint_steps > 0 {
             self.average.clear();
         }
         if let Some(scene) = &self.scene {

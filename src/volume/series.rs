@@ -27,12 +27,22 @@ const SPACING_TOLERANCE: f64 = 1e-6;
 /// How a series is assembled.
 #[derive(Clone, Debug, Default)]
 pub struct SeriesOptions {
-    /// Replaces NaN and infinite voxels, in data units; `None` makes them an error.
+    /// Replaces NaN and infinite voxels, in data units, but counts in no range or histogram; `None` makes them an
+    /// error.
     pub nan_as: Option<f32>,
     /// Accept missing numbers in file names.
     pub allow_gaps: bool,
     /// The time of each step in any unit, strictly increasing; `None` spaces the steps evenly.
     pub times: Option<Vec<f64>>,
+}
+
+/// The values of a series, over all steps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scan {
+    /// The smallest and largest value that is finite in the files, in data units; `None` if there is none.
+    pub range: Option<[f32; 2]>,
+    /// Number of voxels that are NaN, infinite or too large for single precision in the files.
+    pub not_finite: u64,
 }
 
 /// An opened file, kept for the next step.
@@ -47,7 +57,7 @@ pub struct Series {
     notes: Vec<String>,
     nan_as: Option<f32>,
     kept: Mutex<Option<Kept>>,
-    range: OnceLock<[f32; 2]>,
+    scan: OnceLock<Scan>,
 }
 
 impl Series {
@@ -59,7 +69,7 @@ impl Series {
     /// invalid times, or a file that cannot be read.
     pub fn open(inputs: &[String], options: &SeriesOptions) -> Result<Self, VolumeError> {
         let files = inputs::expand(inputs)?;
-        let gaps = inputs::check_order(&files, options.allow_gaps || options.times.is_some())?;
+        let gaps = inputs::check_order(inputs, &files, options)?;
         if let Some(value) = options.nan_as.filter(|v| !v.is_finite()) {
             let problem = format!("{value} is not finite");
             return Err(VolumeError::invalid(&files[0], "--nan", problem, "give a finite number"));
@@ -84,7 +94,7 @@ impl Series {
         let steps = if files.len() == 1 { header.steps } else { files.len() };
         let times = normalised(&files[0], steps, options.times.as_deref())?;
         let kept = Mutex::new(Some((0, first)));
-        Ok(Self { files, header, times, notes, nan_as: options.nan_as, kept, range: OnceLock::new() })
+        Ok(Self { files, header, times, notes, nan_as: options.nan_as, kept, scan: OnceLock::new() })
     }
 
     /// The files, in order of time.
@@ -158,42 +168,61 @@ impl Series {
         Ok(Labels { grid: self.header.grid, ids: values.par_iter().map(|&v| v as u16).collect() })
     }
 
-    /// The smallest and largest value over all steps, in data units. Reads every step the first time, one in memory at
-    /// a time.
+    /// The smallest and largest value over all steps, in data units, of the voxels that are finite in the files: what
+    /// replaces the others is no measurement, and must not stretch the range that transfer functions refer to. Reads
+    /// every step the first time, one in memory at a time.
+    ///
+    /// # Errors
+    /// As for [`Series::load`], or no voxel is finite.
+    pub fn range(&self) -> Result<[f32; 2], VolumeError> {
+        self.scan()?.range.ok_or_else(|| {
+            let hint = "check the type and the byte order that the header gives, and how the file was written";
+            VolumeError::invalid(&self.files[0], "values", "no voxel of any step is finite", hint)
+        })
+    }
+
+    /// The range of the voxels that are finite in the files, and the number of the others, over all steps. Reads every
+    /// step the first time, one in memory at a time.
     ///
     /// # Errors
     /// As for [`Series::load`].
-    pub fn range(&self) -> Result<[f32; 2], VolumeError> {
-        if let Some(range) = self.range.get() {
-            return Ok(*range);
+    pub fn scan(&self) -> Result<Scan, VolumeError> {
+        if let Some(scan) = self.scan.get() {
+            return Ok(*scan);
         }
-        let widest = [f32::INFINITY, f32::NEG_INFINITY];
-        let merge = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
-        let (mut range, mut values) = (widest, Vec::new());
+        let nothing = ([f32::INFINITY, f32::NEG_INFINITY], 0u64);
+        let add = |([low, high], bad): ([f32; 2], u64), v: f32| {
+            if v.is_finite() { ([low.min(v), high.max(v)], bad) } else { ([low, high], bad + 1) }
+        };
+        let merge = |a: ([f32; 2], u64), b: ([f32; 2], u64)| ([a.0[0].min(b.0[0]), a.0[1].max(b.0[1])], a.1 + b.1);
+        let (mut found, mut values) = (nothing, Vec::new());
         // many small steps of one file are read together: compressed files are decompressed from the start each time
         let at_a_time = if self.files.len() > 1 { 1 } else { (MAX_TOGETHER / self.header.grid.len().max(1)).max(1) };
         for first in (0..self.len()).step_by(at_a_time) {
             self.read_range(first..self.len().min(first + at_a_time), &mut values)?;
-            let part = |c: &[f32]| c.iter().fold(widest, |r, &v| merge(r, [v, v]));
-            range = merge(range, values.par_chunks(CHUNK).map(part).reduce(|| widest, merge));
+            let part = |c: &[f32]| c.iter().copied().fold(nothing, add);
+            found = merge(found, values.par_chunks(CHUNK).map(part).reduce(|| nothing, merge));
         }
+        let (range, not_finite) = found;
         // -0 and 0 are equal; which of them is found must not depend on the order
-        Ok(*self.range.get_or_init(|| range.map(|v| v + 0.0)))
+        let range = (range[0] <= range[1]).then(|| range.map(|v| v + 0.0));
+        Ok(*self.scan.get_or_init(|| Scan { range, not_finite }))
     }
 
     /// Counts the voxels of a step in `bins` equal parts of `range` (data units, `range[1]` is in the last bin). Voxels
-    /// outside `range` are not counted; where both ends are equal, voxels of that value are in the first bin.
+    /// outside `range`, and those not finite in the file, are not counted; where both ends are equal, voxels of that
+    /// value are in the first bin.
     ///
     /// # Errors
     /// As for [`Series::load`].
     pub fn histogram(&self, step: usize, bins: usize, range: [f32; 2]) -> Result<Vec<u64>, VolumeError> {
         let mut values = Vec::new();
-        self.read(step, &mut values)?;
+        self.read_unreplaced(step, &mut values)?;
         let mut counts = vec![0u64; bins];
         let (lo, hi) = (f64::from(range[0]), f64::from(range[1]));
         let scale = if hi > lo { bins as f64 / (hi - lo) } else { 0.0 };
         if let Some(last) = bins.checked_sub(1) {
-            for &v in values.iter().filter(|v| (range[0]..=range[1]).contains(*v)) {
+            for &v in values.iter().filter(|v| v.is_finite() && (range[0]..=range[1]).contains(*v)) {
                 counts[(((f64::from(v) - lo) * scale) as usize).min(last)] += 1;
             }
         }
@@ -230,18 +259,22 @@ impl Series {
         Ok(())
     }
 
-    /// Reads consecutive steps of one file.
+    /// Reads a step as it is in the file. Voxels that are not finite are an error unless the options replace them.
+    fn read_unreplaced(&self, step: usize, values: &mut Vec<f32>) -> Result<(), VolumeError> {
+        if self.nan_as.is_none() { self.read(step, values) } else { self.read_as_stored(step, values).map(|_| ()) }
+    }
+
+    /// Reads consecutive steps of one file, as [`Series::read_unreplaced`] does.
     fn read_range(&self, steps: Range<usize>, values: &mut Vec<f32>) -> Result<(), VolumeError> {
         if steps.len() == 1 {
-            return self.read(steps.start, values);
+            return self.read_unreplaced(steps.start, values);
         }
         self.opened(0)?.read_range(steps.clone(), values)?;
-        if let Some((_, at)) = offenders(values, |v| !v.is_finite()) {
-            let Some(value) = self.nan_as else {
-                // reports which voxel it is
-                return self.read(steps.start + at / self.header.grid.len().max(1), values);
-            };
-            values.par_iter_mut().filter(|v| !v.is_finite()).for_each(|v| *v = value);
+        if self.nan_as.is_none()
+            && let Some((_, at)) = offenders(values, |v| !v.is_finite())
+        {
+            // reports which voxel it is
+            return self.read(steps.start + at / self.header.grid.len().max(1), values);
         }
         Ok(())
     }

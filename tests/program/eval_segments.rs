@@ -26,6 +26,10 @@ fn known_segments_are_evaluated_with_every_method() {
         assert!(names(&folder).contains(&file.to_owned()), "{file} in {:?}", names(&folder));
     }
     assert_eq!(json(&folder.join("segments.json")), found);
+    let csv = std::fs::read_to_string(folder.join("segments.csv")).unwrap();
+    let last: Vec<&str> = csv.lines().map(|l| l.rsplit(',').next().unwrap()).collect();
+    let time = found["results"][0]["fixed"]["time_3d"].as_f64().unwrap();
+    assert_eq!(last[..2], ["time_3d".to_owned(), format!("{time:.6}")]);
     assert_eq!(names(&root.join("run/eval")), ["segments"], "masks are not kept");
     let results = found["results"].as_array().unwrap();
     assert!(!results.is_empty() && results.len() % METHODS.len() == 0);
@@ -92,6 +96,12 @@ fn known_segments_are_evaluated_with_every_method() {
     }
     let none = ["eval", "run", "--methods", "coarse", "--no-oracle", "--mask-pictures", "none"];
     refused(volseggs().current_dir(root).args(none).args(short.split(' ')), &["none of the methods needs masks"]);
+    for masks in ["labels", "sam"] {
+        let (both, named) = (["--masks", masks, "--mask-pictures", "none"], format!("--masks {masks}"));
+        let mut command = volseggs();
+        command.current_dir(root).args(fine).args(both).args(short.split(' '));
+        refused(&mut command, &["--mask-pictures", &named]);
+    }
     assert_eq!(names(&root.join("pictures")), ["pictures.json", "scene"]);
     std::fs::create_dir_all(root.join("masks/scene")).unwrap();
     for view in 0..4 {

@@ -219,6 +219,38 @@ fn inspect_shows_volumes() {
 }
 
 #[test]
+fn inspect_skips_and_counts_nan_voxels() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path();
+    let write = |name: &str, values: &[f32]| {
+        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        std::fs::write(root.join(format!("{name}.raw")), bytes).unwrap();
+        std::fs::write(root.join(format!("{name}.raw.toml")), "dims = [4, 4, 4]\ntype = \"f32\"\n").unwrap();
+    };
+    let mut values: Vec<f32> = (0..64).map(|i| 10.0 + i as f32).collect();
+    (values[21], values[40]) = (f32::NAN, f32::INFINITY);
+    write("v", &values);
+    write("none", &[f32::NAN; 64]);
+    let shown = |name: &str, more: &[&str]| {
+        let mut command = volseggs();
+        command.args(["inspect", &text(root, name)]).args(more);
+        String::from_utf8(command.assert().success().get_output().stdout.clone()).unwrap()
+    };
+    let record: serde_json::Value =
+        serde_json::from_str(&shown("v.raw", &["--json", "--picture", &text(root, "h.png")])).unwrap();
+    assert_eq!((&record["range"], &record["not_finite"]), (&serde_json::json!([10.0, 73.0]), &2.into()));
+    assert!(root.join("h.png").is_file());
+    let lines = shown("v.raw", &[]);
+    assert!(lines.contains("range    10 .. 73") && lines.contains("note: 2 voxels of all steps are NaN"), "{lines}");
+    // no range to draw, but still a volume
+    let record: serde_json::Value = serde_json::from_str(&shown("none.raw", &["--json"])).unwrap();
+    assert_eq!((&record["range"], &record["not_finite"]), (&serde_json::Value::Null, &64.into()));
+    let mut command = volseggs();
+    command.args(["inspect", &text(root, "none.raw"), "--picture", &text(root, "n.png")]);
+    refused(&mut command, &["none.raw", "no voxel of any step is finite"]);
+}
+
+#[test]
 fn the_demo_writes_a_report_and_can_be_repeated() {
     let folder = tempfile::tempdir().unwrap();
     let out = text(folder.path(), "demo");

@@ -265,3 +265,74 @@ fn renaming_a_segment_updates_its_edits() {
     run_json(root, &["segment", "remove", "run", "both"]);
     refused_and_unchanged(root, &["rename", "run", "core", "both"], &["both", "edits.json"]);
 }
+
+#[test]
+fn undo_and_redo_rename_only_what_rename_would() {
+    let folder = two_colours(&["--stop-after", "40"]);
+    let root = folder.path();
+    let colours = listed(root);
+    let (one, two) = (colours[0].as_str(), colours[1].as_str());
+    let track = |name: &str| root.join("run/track").join(name);
+
+    // another segment has had the name since, and edits of it remain
+    segment(root, &["rename", "run", one, "core"]);
+    segment(root, &["group", "run", one, "core", two]);
+    run_json(root, &["edit", "hide", "run", "--segment", one]);
+    refused_and_unchanged(root, &["undo", "run", "--count", "2"], &["undo", one, "edits.json"]);
+    segment(root, &["undo", "run"]);
+    refused_and_unchanged(root, &["undo", "run"], &["undo", one, "edits.json"]);
+    run_json(root, &["edit", "clear", "run"]);
+    segment(root, &["undo", "run"]);
+
+    // tracks keep the name of their segment
+    std::fs::create_dir_all(track("core")).unwrap();
+    refused_and_unchanged(root, &["redo", "run"], &["redo", "core", "track"]);
+    refused_and_unchanged(root, &["rename", "run", two, "core"], &["core", "track"]);
+    std::fs::remove_dir(track("core")).unwrap();
+    segment(root, &["redo", "run"]);
+    std::fs::create_dir_all(track("core")).unwrap();
+    refused_and_unchanged(root, &["undo", "run"], &["undo", "core", "track"]);
+    std::fs::remove_dir(track("core")).unwrap();
+    segment(root, &["undo", "run", "--count", "1"]);
+    assert_eq!(listed(root), colours);
+}
+
+#[test]
+fn a_rename_that_the_edits_missed_can_be_taken_back() {
+    let folder = two_colours(&["--stop-after", "40"]);
+    let root = folder.path();
+    let one = listed(root)[0].clone();
+    let edits = root.join("run/edits.json");
+    run_json(root, &["edit", "hide", "run", "--segment", &one]);
+    let before = std::fs::read(&edits).unwrap();
+    segment(root, &["rename", "run", &one, "core"]);
+    let after = std::fs::read(&edits).unwrap();
+    // as if the program had been stopped between the two files
+    std::fs::write(&edits, &before).unwrap();
+    segment(root, &["undo", "run"]);
+    assert!(listed(root)[0] == one && std::fs::read(&edits).unwrap() == before);
+    std::fs::write(&edits, &after).unwrap();
+    segment(root, &["redo", "run"]);
+    assert!(listed(root)[0] == "core" && std::fs::read(&edits).unwrap() == after);
+}
+
+#[test]
+fn masks_know_segments_with_exchanged_names_and_draw_each_once() {
+    let folder = two_colours(&[]);
+    let root = folder.path();
+    let colours = listed(root);
+    let (one, two) = (colours[0].as_str(), colours[1].as_str());
+    let masks = ["segment", "masks", "run", "--views", "5", "--size", "64", "--replace", "--segment", one];
+    let once = run_json(root, &masks)["masks"].clone();
+    assert_eq!(run_json(root, &[&masks[..], &["--segment", one]].concat())["masks"], once);
+    let reader = volseggs::segment::masks::MaskReader::open(&root.join("run/segments/masks.jsonl")).unwrap();
+    assert_eq!(reader.header().segments, [one]);
+    drop(reader);
+
+    run_json(root, &[&masks[..], &["--segment", two]].concat());
+    for (old, new) in [(one, "other"), (two, one), ("other", two)] {
+        segment(root, &["rename", "run", old, new]);
+    }
+    assert_eq!(listed(root), [two, one]);
+    run_json(root, &["segment", "fine", "run", "--steps", "5", "--pixels", "256"]);
+}

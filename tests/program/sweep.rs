@@ -170,6 +170,16 @@ fn a_dry_run_lists_the_runs_and_changes_nothing() {
 }
 
 #[test]
+fn metrics_that_no_row_would_have_are_refused_before_training() {
+    let file = sweep_file("no-segments", "metrics = ['psnr', 'iou']");
+    let out = root().join("no-segments-out");
+    let said = sweep(&[], &file, &out).assert().code(2);
+    let text = String::from_utf8_lossy(&said.get_output().stderr).into_owned();
+    assert!(text.contains("metrics: \"iou\"") && text.contains("add [segments]"), "{text}");
+    assert!(!out.exists());
+}
+
+#[test]
 fn halving_stops_the_worst() {
     let file = sweep_file(
         "halved",

@@ -82,6 +82,21 @@ fn masks_areas_and_pictures_of_chosen_times() {
     assert_eq!(hidden[0]["statistics"][0]["opacity"], rows[1]["opacity"]);
     assert_eq!(area(&[&low[..], &["--no-edits"]].concat()), rows[1]["projected_area"].as_u64().unwrap());
 
+    // a group does not take the name of a segment, unless it is the same
+    let group = |members: &[&str], group: &str| {
+        let mut command = volseggs();
+        command.current_dir(root).args(["track", "run", "--at", "0.5", "--group", group]);
+        command.args(members.iter().flat_map(|member| ["--segment", *member]));
+        command
+    };
+    let table = std::fs::read(out.join("statistics.csv")).unwrap();
+    refused(&mut group(&[&other], &name), &[&name, "other Gaussians"]);
+    refused(&mut group(&[&name, &other], &name), &[&name, "other Gaussians"]);
+    assert!(std::fs::read(out.join("statistics.csv")).unwrap() == table, "the segment's track is unchanged");
+    group(&[&name], &name).assert().success();
+    group(&[&name, &other], "pair").assert().success();
+    assert!(names(&root.join("run/track")).contains(&"pair".to_owned()));
+
     let before = names(&out);
     for (arguments, words) in [
         (&["--at", "0.5", "--frames", "4"][..], &["--at", "--frames"][..]),

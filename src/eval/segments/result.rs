@@ -76,6 +76,8 @@ fn least(values: impl Iterator<Item = f64>) -> Option<f64> {
 pub struct Outcome {
     /// IoU in space at the time nearest to that of the click, percent; `None` if the dataset has no volumes of ids.
     pub iou_3d: Option<f64>,
+    /// That time; the one nearest to the click that has pictures can be another, see [`Outcome::at`].
+    pub time_3d: Option<f64>,
     /// Minimum IoU in space over all times that have a volume.
     pub least_iou_3d: Option<f64>,
     /// Minimum IoU of the silhouettes over all times.
@@ -114,7 +116,8 @@ impl Outcome {
         self.times = times.into_iter().filter_map(row).collect();
         self.at = nearest(&self.times, time, |r| r.time).cloned();
         self.least_iou = least(self.times.iter().filter_map(|r| r.iou));
-        self.iou_3d = nearest(&volumes, time, |v| v.time).and_then(|v| v.iou_3d);
+        let volume = nearest(&volumes, time, |v| v.time);
+        (self.iou_3d, self.time_3d) = (volume.and_then(|v| v.iou_3d), volume.map(|v| v.time));
         self.least_iou_3d = least(volumes.iter().filter_map(|v| v.iou_3d));
         self.volumes = volumes;
     }
@@ -286,8 +289,9 @@ mod tests {
             (out.iou_3d, out.least_iou_3d, out.iou(), out.least_iou),
             (Some(70.0), Some(40.0), Some(90.0), Some(30.0))
         );
+        assert_eq!((out.time_3d, out.at.map(|r| r.time)), (Some(0.4), Some(0.5)));
         let mut without = Outcome::default();
         without.fill(0.5, &[], Vec::new());
-        assert_eq!((without.iou_3d, without.iou(), without.times.len()), (None, None, 0));
+        assert_eq!((without.iou_3d, without.time_3d, without.iou(), without.times.len()), (None, None, None, 0));
     }
 }

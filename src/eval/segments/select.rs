@@ -112,10 +112,11 @@ impl Scenery<'_> {
                     Method::CoarseFine => self.colour(trained.coarse(), click),
                     _ => None,
                 };
+                let in_colour = on.is_some();
                 let Some((clicked, within)) = on.or_else(|| Some((anything()?, all()))) else {
                     return Ok(Selected::default());
                 };
-                let of = Candidates::new(field, frame, &self.at.means, self.at, &within);
+                let of = Candidates::new(field, frame, &self.at.means, self.at, &within).of_segment(in_colour);
                 let picked = pick(&of, clicked, options).map_err(|e| e.to_string())?;
                 Ok(Selected { asked: Some((picked.scale, picked.threshold)), ..whole(picked.members) })
             }

@@ -11,6 +11,9 @@ use crate::files::{AtomicDir, FolderKind};
 use std::fmt::Write as _;
 use std::path::Path;
 
+/// Times that differ by less are one: the note shows three digits.
+const SAME_TIME: f64 = 1e-3;
+
 /// Formats the table at the chosen time as Markdown, as the terminal shows it: first what is selected with the fixed
 /// setting of each method, in space and in pictures; then what the oracle selects; below it, what the numbers are based
 /// on.
@@ -72,6 +75,13 @@ fn note(evaluation: &SegmentEvaluation) -> String {
         views(&|r| r.views),
         views(&|r| r.iou_views),
     );
+    let of_pictures = elsewhere(evaluation, &|o| o.at.as_ref().map(|r| r.time));
+    let in_space = elsewhere(evaluation, &|o| o.time_3d);
+    for (what, time) in [("2D IoU, PSNR, SSIM and LPIPS are", of_pictures), ("3D IoU is", in_space)] {
+        if let Some(time) = time {
+            let _ = write!(out, " {what} of time {time}, the nearest to the clicked one that has ground truth.");
+        }
+    }
     if evaluation.oracle_tries > 0 {
         let _ = write!(
             out,
@@ -106,6 +116,17 @@ fn note(evaluation: &SegmentEvaluation) -> String {
     out
 }
 
+/// Returns the time, or the first and the last time, that figures of the clicked time are of; `None` if it is the
+/// clicked one.
+fn elsewhere(evaluation: &SegmentEvaluation, time: &dyn Fn(&Outcome) -> Option<f64>) -> Option<String> {
+    let times = || evaluation.results.iter().filter_map(move |r| time(&r.fixed));
+    if times().all(|t| (t - evaluation.time).abs() < SAME_TIME) {
+        return None;
+    }
+    let [first, last] = [times().min_by(f64::total_cmp)?, times().max_by(f64::total_cmp)?];
+    Some(if last - first < SAME_TIME { format!("{first:.3}") } else { format!("{first:.3} to {last:.3}") })
+}
+
 /// Returns the outcomes of all results with their names: the fixed setting's, then the oracle's.
 fn outcomes(evaluation: &SegmentEvaluation) -> impl Iterator<Item = (&SegmentResult, &'static str, &Outcome)> {
     evaluation
@@ -134,14 +155,14 @@ fn row_cells(r: &Row) -> String {
 
 const ROW_HEAD: &str = "time,views,iou_views,iou,psnr,ssim,ssim_gray,lpips_alex";
 
-/// Formats the scores at the clicked time.
+/// Formats the scores at the clicked time; `time` is that of the pictures, `time_3d` that of the volume.
 fn csv_at(evaluation: &SegmentEvaluation) -> String {
-    let mut out = format!("segment,method,setting,iou_3d,least_iou_3d,least_iou,{ROW_HEAD}\n");
+    let mut out = format!("segment,method,setting,iou_3d,least_iou_3d,least_iou,{ROW_HEAD},time_3d\n");
     for (r, setting, o) in outcomes(evaluation) {
         let overlaps = [o.iou_3d, o.least_iou_3d, o.least_iou].map(|v| plain(v, 6)).join(",");
         let row = o.at.as_ref().map_or_else(|| ",".repeat(7), row_cells);
         // writing to a String cannot fail
-        let _ = writeln!(out, "{},{},{setting},{overlaps},{row}", r.segment, r.method);
+        let _ = writeln!(out, "{},{},{setting},{overlaps},{row},{}", r.segment, r.method, plain(o.time_3d, 6));
     }
     out
 }
@@ -219,13 +240,14 @@ type Points = dyn Fn(&Outcome) -> Vec<(f64, f64)>;
 
 #[cfg(test)]
 mod tests {
+    use super::super::measure::FrameScore;
+    use super::super::result::VolumeScore;
     use super::*;
     use crate::eval::results::DataId;
     use std::collections::BTreeMap;
 
-    #[test]
-    fn the_note_names_segments_that_were_not_seen() {
-        let mut evaluation = SegmentEvaluation {
+    fn empty() -> SegmentEvaluation {
+        SegmentEvaluation {
             data: DataId::default(),
             time: 0.5,
             masks: "regions",
@@ -241,7 +263,42 @@ mod tests {
             results: Vec::new(),
             pictures: Vec::new(),
             columns: 1,
+        }
+    }
+
+    #[test]
+    fn the_times_of_figures_are_named_where_they_are_not_the_clicked_one() {
+        let of = |flat: f64, deep: f64| {
+            let mut evaluation = empty();
+            let score = FrameScore { time: flat, iou: Some(0.5), picture: None };
+            let mut fixed = Outcome::default();
+            fixed.fill(0.5, &[score], vec![VolumeScore { time: deep, iou_3d: Some(70.0) }]);
+            let (segment, view) = ("core".to_owned(), "r_000".to_owned());
+            let result = SegmentResult { segment, method: Method::Coarse, view, pixel: [0; 2], fixed, oracle: None };
+            evaluation.results.push(result);
+            (markdown(&evaluation), csv_at(&evaluation))
         };
+        let (note, csv) = of(0.5, 0.5004);
+        assert!(!note.contains("of time"), "{note}");
+        let lines: Vec<&str> = csv.lines().collect();
+        assert!(lines[0].ends_with(",lpips_alex,time_3d") && lines[1].ends_with(",,0.500400"), "{csv}");
+        assert_eq!(lines[0].split(',').count(), lines[1].split(',').count());
+        let (note, csv) = of(0.492, 0.5254);
+        assert!(note.contains("LPIPS are of time 0.492") && note.contains("3D IoU is of time 0.525"), "{note}");
+        assert!(csv.contains(",0.492000,1,1,50.000000,") && csv.ends_with(",0.525400\n"), "{csv}");
+        // without pictures and volumes
+        let mut none = empty();
+        let (segment, view, fixed) = ("core".to_owned(), "r_000".to_owned(), Outcome::default());
+        none.results.push(SegmentResult { segment, method: Method::Coarse, view, pixel: [0; 2], fixed, oracle: None });
+        let csv = csv_at(&none);
+        let columns: Vec<usize> = csv.lines().map(|l| l.split(',').count()).collect();
+        assert_eq!(columns[0], columns[1], "{csv}");
+        assert!(!markdown(&none).contains("of time"));
+    }
+
+    #[test]
+    fn the_note_names_segments_that_were_not_seen() {
+        let mut evaluation = empty();
         let json = |e: &SegmentEvaluation| serde_json::to_string(e).unwrap();
         assert!(!markdown(&evaluation).contains("Not visible") && !json(&evaluation).contains("not_seen"));
         evaluation.not_seen = vec!["tube-c".into(), "tube-d".into()];

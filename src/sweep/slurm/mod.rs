@@ -8,6 +8,7 @@ pub mod profile;
 pub mod queue;
 pub mod script;
 pub mod submit;
+mod tasks;
 
 use std::env;
 use std::ffi::{OsStr, OsString};

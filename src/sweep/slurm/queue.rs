@@ -9,6 +9,7 @@ use std::path::Path;
 
 use super::profile::seconds;
 use super::submit::{Submission, submissions};
+use super::tasks::Tasks;
 use super::{SlurmError, Tools, complaint};
 
 /// A task in the queue.
@@ -35,14 +36,16 @@ impl TaskState {
     }
 }
 
-/// Returns the tasks of the sweep in `dir` that are in the queue and belong to `plan` (its hash, as in [`super::Job`]).
-/// For a task that was submitted twice, the running submission is reported, or else the last one.
+/// Returns the tasks of the sweep in `dir` that are in the queue, by the number of their run in `plan` (its hash, as in
+/// [`super::Job`]), whichever plan they were submitted with. For a run that was submitted twice, the running submission
+/// is reported, or else the last one.
 ///
 /// # Errors
-/// [`SlurmError::Missing`] without `squeue`, [`SlurmError::Refused`] if it fails, errors of the list of jobs.
+/// [`SlurmError::Missing`] without `squeue`, [`SlurmError::Refused`] if it fails, errors of the list of jobs and of
+/// stored plans.
 pub fn queue(tools: &Tools, dir: &Path, plan: &str) -> Result<BTreeMap<usize, TaskState>, SlurmError> {
-    let mut submissions = submissions(dir)?;
-    submissions.retain(|s| s.plan == plan);
+    let submissions = submissions(dir)?;
+    let mut tasks = Tasks::new(dir, plan, &submissions)?;
     let clusters: BTreeSet<Option<&str>> = submissions.iter().map(|s| s.cluster.as_deref()).collect();
     let mut out: BTreeMap<usize, TaskState> = BTreeMap::new();
     for cluster in clusters {
@@ -52,9 +55,9 @@ pub fn queue(tools: &Tools, dir: &Path, plan: &str) -> Result<BTreeMap<usize, Ta
         rows.sort_by_key(|(job, ..)| *job);
         for (job, index, state) in rows {
             let Some(submission) = of_it.iter().rfind(|s| s.job == job) else { continue };
-            let task = index + submission.offset;
-            if !out.get(&task).is_some_and(|known| known.runs() && !state.runs()) {
-                out.insert(task, state);
+            let Some(run) = tasks.run(submission, index + submission.offset)? else { continue };
+            if !out.get(&run).is_some_and(|known| known.runs() && !state.runs()) {
+                out.insert(run, state);
             }
         }
     }
@@ -143,6 +146,42 @@ mod tests {
         assert!(asked("", "exit 1").unwrap().is_empty());
         let said = asked(TWO, "echo 'Unable to contact slurm controller' >&2; exit 1").unwrap_err().to_string();
         assert!(said.contains("Unable to contact"), "{said}");
+    }
+
+    #[test]
+    fn tasks_of_earlier_plans_count_as_the_runs_with_their_keys() {
+        let dir = tempfile::tempdir().unwrap();
+        for folder in ["slurm", "plans"] {
+            fs::create_dir(dir.path().join(folder)).unwrap();
+        }
+        let put = |name: &str, keys: &[&str]| {
+            let runs: Vec<_> = keys.iter().map(|key| serde_json::json!({ "key": key, "label": "x" })).collect();
+            fs::write(dir.path().join(name), serde_json::json!({ "title": name, "runs": runs }).to_string()).unwrap();
+        };
+        put("plans/old.json", &["a", "b", "c"]);
+        put("plans/now.json", &["c", "a", "d", "e"]);
+        fs::write(dir.path().join("plans/torn.json"), "{\"runs\":[").unwrap();
+        let line = |job: u64, plan: &str| {
+            format!("{{\"job\":{job},\"offset\":0,\"tasks\":[0],\"plan\":\"{plan}\",\"time\":1}}\n")
+        };
+        let list = [(4, "old"), (9, "now"), (11, "gone"), (12, "torn"), (13, "")].map(|(job, plan)| line(job, plan));
+        fs::write(dir.path().join("slurm/jobs.jsonl"), list.concat()).unwrap();
+        let bin = dir.path().join("bin");
+        fake::program(
+            &bin,
+            "squeue",
+            "for task in 4_1 4_2 4_7 9_1 9_2 11_0 12_0 13_0; do echo \"$task|PENDING|0:00|x\"; done\n\
+             echo '4_0|RUNNING|0:05|x'",
+        );
+        let found = || {
+            let found = queue(&Tools::new(&fake::path(&bin)), dir.path(), "now").unwrap();
+            found.into_iter().map(|(run, state)| (run, state.id)).collect::<Vec<_>>()
+        };
+        let at = |run: usize, id: &str| (run, id.to_owned());
+        assert_eq!(found(), [at(0, "4_2"), at(1, "4_0"), at(2, "9_2")]);
+        // the newest plan, by another name
+        fs::rename(dir.path().join("plans/now.json"), dir.path().join("plan.json")).unwrap();
+        assert_eq!(found(), [at(0, "4_2"), at(1, "4_0"), at(2, "9_2")]);
     }
 
     #[test]

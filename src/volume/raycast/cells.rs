@@ -24,11 +24,12 @@ pub struct Cells {
 }
 
 /// The cells of a box: number, size and centre of the first along each axis. Together they fill the box exactly; the
-/// longest side has as many as there are voxels along it, at most `longest`.
-fn layout(placement: &Placement, dims: [usize; 3], longest: usize) -> ([usize; 3], [f64; 3], [f64; 3]) {
+/// longest side has as many as there would be voxels of the finest spacing along it, at most `longest`.
+fn layout(placement: &Placement, longest: usize) -> ([usize; 3], [f64; 3], [f64; 3]) {
     let size = (2.0 * placement.half).to_array();
-    let axis = (0..3).max_by(|a, b| size[*a].total_cmp(&size[*b])).unwrap_or(0);
-    let side = placement.side() / dims[axis].min(longest).max(1) as f64;
+    // not the voxels along that side: few thick slices would make cells that hide what the slices show
+    let finest = (placement.side() * placement.voxels_per_unit.max_element()).round() + 1.0;
+    let side = placement.side() / (finest as usize).min(longest).max(1) as f64;
     let counts = size.map(|s| ((s / side).round() as usize).max(1));
     let spacing: [f64; 3] = std::array::from_fn(|a| size[a] / counts[a] as f64);
     (counts, spacing, std::array::from_fn(|a| 0.5 * (spacing[a] - size[a])))
@@ -42,7 +43,7 @@ impl RayCaster {
     /// under the transfer function. Bit-identical for any number of threads.
     #[must_use]
     pub fn cells(&self, longest: usize) -> Cells {
-        let (dims, spacing, origin) = layout(&self.placement, self.field.dims, longest);
+        let (dims, spacing, origin) = layout(&self.placement, longest);
         let voxels: [f64; 3] = std::array::from_fn(|a| spacing[a] * self.placement.voxels_per_unit[a]);
         let parts = voxels.map(|v| (v.ceil() as usize).clamp(PARTS[0], PARTS[1]));
         // in steps, as the extinction is that of a step
@@ -127,6 +128,26 @@ mod tests {
             "{expected} {}",
             cells.opacity[0]
         );
+    }
+
+    #[test]
+    fn thick_slices_have_cells_of_the_finest_spacing() {
+        let counts = |dims: [usize; 3], spacing: [f64; 3]| {
+            let grid = Grid { dims, spacing, origin: [0.0; 3] };
+            layout(&Placement::new(&grid, 2.0), 96).0
+        };
+        assert_eq!(counts([64, 64, 8], [1.0, 1.0, 12.0]), [64, 64, 85]);
+        assert_eq!(counts([8, 64, 64], [12.0, 1.0, 1.0]), [85, 64, 64]);
+        // no more than the limit, however thin the voxels are
+        assert_eq!(counts([256, 256, 8], [1.0, 1.0, 40.0]), [87, 87, 96]);
+        assert_eq!(counts([2, 2, 2], [1e-30, 1.0, 1.0]), [1, 96, 96]);
+        // cubic voxels: one cell each, up to the limit
+        for spacing in [0.1, 0.3, 1.0, 7.7] {
+            for n in [2, 3, 9, 40, 64, 95, 96, 97, 1000] {
+                assert_eq!(counts([n; 3], [spacing; 3]), [n.min(96); 3], "{spacing}");
+                assert_eq!(counts([n, n, 2], [spacing; 3])[0], n.min(96), "{spacing}");
+            }
+        }
     }
 
     #[test]

@@ -247,7 +247,7 @@ impl RayCaster {
             front = Some(to);
             let middle = k as f32 + 0.5 * part;
             k += 1;
-            let [r, g, b, extinction] = self.table.mean(self.table.between(from, to), by_value);
+            let [r, g, b, extinction] = self.table.step(from, to, by_value);
             if extinction <= 0.0 {
                 continue;
             }
@@ -281,7 +281,7 @@ impl RayCaster {
     /// The segment at voxel coordinates `p`: that of the nearest voxel, or of the mean value.
     fn segment(&self, p: [f32; 3], from: f32, to: f32) -> u16 {
         match &self.labels {
-            None => self.table.segment(self.table.index(0.5 * (from + to))),
+            None => self.table.segment(0.5 * (from + to)),
             Some(labels) => {
                 let [nx, ny, _] = self.field.dims;
                 let i = p.map(|v| (v + 0.5) as usize);

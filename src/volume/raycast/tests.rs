@@ -220,6 +220,27 @@ fn named_ranges_are_segments_too() {
 }
 
 #[test]
+fn a_plateau_of_whole_numbers_is_its_own_segment() {
+    // 103 of 255 lies a little above its entry of the table
+    let v = volume([9; 3], |_| 103.0);
+    let mut tf = plain(&[(0.0, 0.3)]);
+    tf.range = Some([0.0, 255.0]);
+    let range = |name: &str, low: f64| {
+        let range = [low / 255.0, (low + 1.0) / 255.0];
+        SegmentRange { name: name.into(), range, color: None }
+    };
+    tf.segments = vec![range("below", 102.0), range("this", 103.0)];
+    let placement = Placement::new(&v.grid, published_side());
+    let caster = RayCaster::new(&v, None, &tf, [0.0, 255.0], placement, 0.5);
+    let camera = Camera::look_at(-DVec3::Y * RADIUS, DVec3::ZERO, DVec3::Z, FOV_X, 24, 24);
+    let (whole, ids) = caster.render_with_labels(&camera, 0.05, &AtomicBool::new(false)).unwrap();
+    assert!(ids.contains(&2) && ids.iter().all(|id| [0, 2].contains(id)));
+    assert_eq!(caster.render(&camera, Some(&caster.isolate(2))), whole);
+    assert_eq!(caster.render(&camera, Some(&caster.isolate(1))).coverage(), 0.0);
+    assert!(caster.cells(4).ids.iter().all(|id| *id == 2));
+}
+
+#[test]
 fn shading_follows_the_headlight() {
     // a ball: brightest in the middle, ambient at the rim; the sign of the gradient does not matter
     for sign in [1.0, -1.0] {

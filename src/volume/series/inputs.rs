@@ -1,6 +1,7 @@
 //! Resolves what the user named to files in order: expansion of folders and patterns, natural order, and the checks on
 //! the numbers in names. No file is opened here.
 
+use super::SeriesOptions;
 use super::names::{self, Names};
 use crate::volume::error::VolumeError;
 use crate::volume::formats::{self, Format, format_of};
@@ -96,14 +97,29 @@ fn stem(file: &Path) -> String {
     text
 }
 
-/// Checks that the numbers in the names increase and, unless `allow_gaps`, that no step is missing, which decimal
-/// numbers and dates do not show. Returns whether there are gaps.
+/// Checks that the numbers in the names of the `files` that `inputs` named increase and, unless gaps are allowed or times
+/// given, that no step is missing, which decimal numbers and dates do not show. Files listed one by one with their times
+/// are in order as listed. Returns whether there are gaps.
 ///
 /// # Errors
-/// Files out of order, files of several series, or a missing step.
-pub fn check_order(files: &[PathBuf], allow_gaps: bool) -> Result<bool, VolumeError> {
+/// Files out of order or of unclear order, files of several series, or a missing step.
+pub fn check_order(inputs: &[String], files: &[PathBuf], options: &SeriesOptions) -> Result<bool, VolumeError> {
+    // each input names at least one file
+    if options.times.is_some() && files.len() == inputs.len() {
+        return Ok(false);
+    }
     let stems: Vec<String> = files.iter().map(|f| stem(f)).collect();
     let names = Names::of(&stems);
+    if let Some([a, b]) = names.unclear {
+        let problem = format!(
+            "the order is unclear: {} comes after {} if their numbers are decimal, and before it if they are steps",
+            files[a].display(),
+            files[b].display()
+        );
+        let hint = "list the files in order of time with the time of each (--time-values), or pad the numbers with zeros \
+                    to one length";
+        return Err(VolumeError::invalid(&files[a], "inputs", problem, hint));
+    }
     if let Some(i) = names.first_unsorted() {
         let problem = format!("unsorted: its {} {} follows {}", names.kind(i), names.written(i), names.written(i - 1));
         let problem = format!("{problem} of {}", files[i - 1].display());
@@ -115,7 +131,7 @@ pub fn check_order(files: &[PathBuf], allow_gaps: bool) -> Result<bool, VolumeEr
     let step = |i: usize| steps[i].value - steps[i - 1].value;
     let stride = (1..steps.len()).map(step).min().unwrap_or(1);
     let Some(i) = (1..steps.len()).find(|&i| step(i) != stride) else { return Ok(false) };
-    if allow_gaps {
+    if options.allow_gaps || options.times.is_some() {
         return Ok(true);
     }
     let before = &steps[i - 1];

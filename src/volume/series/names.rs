@@ -75,38 +75,100 @@ fn joined(name: &[Piece<'_>]) -> Option<usize> {
     (0..name.len()).rev().find(pair).filter(alone)
 }
 
-/// Whether numbers joined by a point are decimal. `t0.5` and `t0.25` could also be read as steps 5 and 25. If the
-/// digits after the point differ in length, they are decimal unless some end in a zero, as those of unpadded steps do;
-/// if not, they are decimal if the numbers on both sides of the point vary.
-fn are_decimal(names: &[Vec<Piece<'_>>]) -> bool {
-    let at: Vec<Option<(&str, &str)>> =
-        names.iter().map(|name| joined(name).and_then(|i| name[i].digits().zip(name[i + 2].digits()))).collect();
-    let Some((first, fraction)) = at.iter().flatten().next() else { return false };
-    let unlike = |differs: &dyn Fn(&(&str, &str)) -> bool| at.iter().any(|p| p.as_ref().is_none_or(differs));
-    let lengths = unlike(&|p| p.1.len() != fraction.len());
-    let rounded = at.iter().flatten().any(|p| p.1.len() > 1 && p.1.ends_with('0'));
-    let both = unlike(&|p| p.0 != *first) && unlike(&|p| p.1 != *fraction);
-    if lengths { !rounded } else { both }
+/// How numbers joined by a point are read.
+#[derive(Debug)]
+enum Reading {
+    /// Two whole numbers.
+    Whole,
+    /// One decimal number.
+    Decimal,
+    /// Either; of these two names, the first comes before the second only if the numbers are whole.
+    Unclear([usize; 2]),
 }
 
-/// The names in pieces, with each decimal number as one piece.
-fn split(stems: &[String]) -> Vec<Vec<Piece<'_>>> {
+/// How numbers joined by a point are read. `t0.5` and `t0.25` could also be read as steps 5 and 25. If the digits after
+/// the point differ in length, some that end in a zero are those of unpadded steps; else numbers that share their whole
+/// part are read by their stride, and others are decimal. If the lengths are equal, they are decimal if the numbers on
+/// both sides of the point vary.
+fn reading(names: &[Vec<Piece<'_>>]) -> Reading {
+    let at: Vec<Option<(&str, &str)>> =
+        names.iter().map(|name| joined(name).and_then(|i| name[i].digits().zip(name[i + 2].digits()))).collect();
+    let Some((first, fraction)) = at.iter().flatten().next() else { return Reading::Whole };
+    let unlike = |differs: &dyn Fn(&(&str, &str)) -> bool| at.iter().any(|p| p.as_ref().is_none_or(differs));
+    if !unlike(&|p| p.1.len() != fraction.len()) {
+        let both = unlike(&|p| p.0 != *first) && unlike(&|p| p.1 != *fraction);
+        return if both { Reading::Decimal } else { Reading::Whole };
+    }
+    if at.iter().flatten().any(|p| p.1.len() > 1 && p.1.ends_with('0')) {
+        return Reading::Whole;
+    }
+    if unlike(&|p| p.0 != *first) {
+        return Reading::Decimal;
+    }
+    let fractions: Vec<&str> = at.iter().flatten().map(|p| p.1).collect();
+    by_stride(&fractions)
+}
+
+/// How numbers are read that share their whole part and whose fractions, one for each name, differ in length: decimal
+/// if these have a constant stride, else whole if those have one. If neither has, the numbers are decimal where that
+/// does not change the order, or where the stride is constant but for rounding; else the order is unclear.
+fn by_stride(fractions: &[&str]) -> Reading {
+    let longest = fractions.iter().map(|f| f.len()).max().unwrap_or(0);
+    let shortest = fractions.iter().map(|f| f.len()).min().unwrap_or(0);
+    // steps padded with zeros are at least as long as the others, so `0.05` beside `0.1` is decimal
+    let padded = fractions.iter().any(|f| f.len() > shortest && f.starts_with('0'));
+    let values = |(i, f): (usize, &&str)| -> Option<(u128, u128, usize)> {
+        Some((f.parse().ok()?, format!("{f:0<longest$}").parse().ok()?, i))
+    };
+    let values: Option<Vec<_>> = fractions.iter().enumerate().map(values).collect();
+    // fractions beyond 128 bits are no steps
+    let Some(mut values) = values.filter(|_| !padded) else { return Reading::Decimal };
+    values.sort_unstable();
+    let mut whole: Vec<u128> = values.iter().map(|v| v.0).collect();
+    let mut decimal: Vec<u128> = values.iter().map(|v| v.1).collect();
+    whole.dedup();
+    decimal.sort_unstable();
+    decimal.dedup();
+    if is_even(&decimal, 0) {
+        return Reading::Decimal;
+    }
+    if is_even(&whole, 0) {
+        return Reading::Whole;
+    }
+    match values.windows(2).find(|w| w[0].1 > w[1].1) {
+        Some(w) if !is_even(&decimal, 1) => Reading::Unclear([w[0].2, w[1].2]),
+        _ => Reading::Decimal,
+    }
+}
+
+/// Whether at least three ascending numbers have one stride, but for `slack` where that is a small part of it.
+fn is_even(numbers: &[u128], slack: u128) -> bool {
+    let strides = numbers.windows(2).map(|w| w[1] - w[0]);
+    let least = strides.clone().min().unwrap_or(0);
+    numbers.len() > 2 && strides.max().is_some_and(|most| most - least <= slack.min(least / 10))
+}
+
+/// The names in pieces, with each decimal number as one piece; and two names whose order is unclear, if any.
+fn split(stems: &[String]) -> (Vec<Vec<Piece<'_>>>, Option<[usize; 2]>) {
     let mut names: Vec<_> = stems.iter().map(|s| pieces(s)).collect();
-    if are_decimal(&names) {
-        for name in &mut names {
-            let Some(i) = joined(name) else { continue };
-            if let (Some(whole), Some(fraction)) = (name[i].digits(), name[i + 2].digits()) {
-                name.splice(i..i + 3, [Piece::Number(Number { whole, fraction })]);
-            }
+    let unclear = match reading(&names) {
+        Reading::Whole => return (names, None),
+        Reading::Decimal => None,
+        Reading::Unclear(pair) => Some(pair),
+    };
+    for name in &mut names {
+        let Some(i) = joined(name) else { continue };
+        if let (Some(whole), Some(fraction)) = (name[i].digits(), name[i + 2].digits()) {
+            name.splice(i..i + 3, [Piece::Number(Number { whole, fraction })]);
         }
     }
-    names
+    (names, unclear)
 }
 
 /// The order in which `t2` comes before `t10`, and `t0.25` before `t0.5`; names that differ in zeros alone are ordered
 /// as texts.
 pub fn order(stems: &[String]) -> Vec<usize> {
-    let names = split(stems);
+    let (names, _) = split(stems);
     let natural = |a: usize, b: usize| {
         let (left, right) = (&names[a], &names[b]);
         let differ = left.iter().zip(right).map(|(l, r)| l.cmp(r)).find(|o| o.is_ne());
@@ -133,15 +195,18 @@ pub struct Names<'a> {
     names: Vec<Vec<Piece<'a>>>,
     /// The pieces of each name that give the step; empty where names carry no numbers.
     at: Vec<Range<usize>>,
+    /// Two names of which the first comes before the second if their numbers are whole, and after it if decimal, where
+    /// nothing tells which they are; they are then read as decimal.
+    pub unclear: Option<[usize; 2]>,
 }
 
 impl<'a> Names<'a> {
     /// If names differ in numbers only, the last number that varies gives the step, or the date that contains it; else
     /// the number that ends each name.
     pub fn of(stems: &'a [String]) -> Self {
-        let names = split(stems);
+        let (names, unclear) = split(stems);
         let at = steps_at(&names).unwrap_or_default();
-        Self { names, at }
+        Self { names, at, unclear }
     }
 
     /// The first name whose number is not above that of the previous name.
@@ -256,6 +321,62 @@ mod tests {
             let [a, b, c, d] = right;
             assert!(unsorted(&[a, c, b, d]).is_some_and(|text| text.len() > 7), "{right:?}");
         }
+    }
+
+    fn unclear(names: &[&str]) -> Option<[String; 2]> {
+        let stems: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
+        Names::of(&stems).unclear.map(|pair| pair.map(|i| stems[i].clone()))
+    }
+
+    #[test]
+    fn unpadded_steps_after_a_constant_number_come_in_order() {
+        for right in [
+            &["f128.3", "f128.6", "f128.9", "f128.12", "f128.15", "f128.18"][..],
+            &["run01.1", "run01.3", "run01.5", "run01.7", "run01.9", "run01.11", "run01.13"],
+            &["run1.8", "run1.9", "run1.10", "run1.12"],
+        ] {
+            let mut names = right.to_vec();
+            names.reverse();
+            assert_eq!(sorted(&names), right);
+            assert_eq!((unsorted(right), unclear(right)), (None, None), "{right:?}");
+            let stems: Vec<String> = right.iter().map(|n| (*n).to_owned()).collect();
+            assert!(Names::of(&stems).steps().is_some(), "{right:?}");
+        }
+    }
+
+    #[test]
+    fn decimals_of_one_whole_part_stay_decimal() {
+        for right in [
+            &["t0.25", "t0.5", "t0.75"][..],
+            &["t0.5", "t0.75"],
+            &["t0.1", "t0.2", "t0.3", "t0.4", "t0.5", "t0.6", "t0.7", "t0.8", "t0.9", "t0.95"],
+            &["t0.125", "t0.25", "t0.375", "t0.5", "t0.625", "t0.75", "t0.875"],
+            // rounded
+            &["t0.167", "t0.333", "t0.5", "t0.667", "t0.833"],
+            // no steps, as these would not be padded to two digits beside one of one digit
+            &["t0.05", "t0.1", "t0.2", "t0.5"],
+            // beyond 128 bits
+            &["t0.1111111111111111111111111111111111111111", "t0.3", "t0.4"],
+        ] {
+            let mut names = right.to_vec();
+            names.reverse();
+            assert_eq!(sorted(&names), right);
+            assert_eq!((unsorted(right), unclear(right)), (None, None), "{right:?}");
+            let stems: Vec<String> = right.iter().map(|n| (*n).to_owned()).collect();
+            assert!(Names::of(&stems).steps().is_none(), "{right:?}");
+        }
+    }
+
+    #[test]
+    fn numbers_that_may_be_steps_or_decimal_are_unclear() {
+        for (names, pair) in [
+            (&["sim1.1", "sim1.2", "sim1.3", "sim1.11", "sim1.12"][..], ["sim1.3", "sim1.11"]),
+            (&["sim1.1", "sim1.11", "sim1.12", "sim1.2", "sim1.3"], ["sim1.3", "sim1.11"]),
+            (&["run1.9", "run1.11"], ["run1.9", "run1.11"]),
+        ] {
+            assert_eq!(unclear(names).unwrap(), pair, "{names:?}");
+        }
+        assert_eq!(unclear(&["t0.9", "t1.11", "t1.2"]), None, "decimal, as the whole part varies");
     }
 
     #[test]

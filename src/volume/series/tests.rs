@@ -86,6 +86,56 @@ fn unsorted_lists_are_refused() {
 }
 
 #[test]
+fn unpadded_steps_after_a_constant_number_are_in_order() {
+    let d = dir();
+    for k in [12, 15, 18, 3, 6, 9] {
+        one(&d, &format!("f128.{k}.nrrd"), &[k as f32, 0.0]);
+    }
+    for input in [here(&d, ""), here(&d, "f*.nrrd")] {
+        let s = open(&[input]).unwrap();
+        let values: Vec<f32> = (0..s.len()).map(|k| s.load(k).unwrap().values[0]).collect();
+        assert_eq!(values, [3.0, 6.0, 9.0, 12.0, 15.0, 18.0]);
+    }
+}
+
+#[test]
+fn names_of_unclear_order_are_refused_unless_listed_with_times() {
+    let d = dir();
+    let files = [1, 2, 3, 11, 12].map(|k| one(&d, &format!("sim1.{k}.nrrd"), &[k as f32, 0.0]));
+    let times = SeriesOptions { times: Some(vec![1.0, 2.0, 3.0, 11.0, 12.0]), ..Default::default() };
+    let gaps = SeriesOptions { allow_gaps: true, ..Default::default() };
+    for (inputs, options) in [
+        (&[here(&d, "")][..], &SeriesOptions::default()),
+        (&[here(&d, "")], &times),
+        (&[here(&d, "sim*")], &gaps),
+        (&files, &SeriesOptions::default()),
+    ] {
+        let message = Series::open(inputs, options).map(|s| s.len()).unwrap_err().to_string();
+        assert!(message.contains("the order is unclear") && message.contains("--time-values"), "{message}");
+        assert!(message.contains("sim1.3.nrrd comes after") && message.contains("sim1.11.nrrd"), "{message}");
+    }
+    let s = Series::open(&files, &times).unwrap();
+    assert_eq!((s.name(2), s.name(3), s.time(3)), ("sim1.3.nrrd".into(), "sim1.11.nrrd".into(), 10.0 / 11.0));
+}
+
+#[test]
+fn files_listed_with_times_keep_the_order_given() {
+    let d = dir();
+    let files = ["t3", "t1", "t2"].map(|n| one(&d, &format!("{n}.nrrd"), &[0.0, 1.0]));
+    assert!(refused(&files).contains("unsorted"));
+    let times = SeriesOptions { times: Some(vec![0.0, 1.0, 2.0]), ..Default::default() };
+    let s = Series::open(&files, &times).unwrap();
+    assert_eq!([0, 1, 2].map(|k| s.name(k)), ["t3.nrrd", "t1.nrrd", "t2.nrrd"]);
+    // a folder among the inputs is sorted by its names, which must then go on from those before
+    std::fs::create_dir(d.path().join("more")).unwrap();
+    for name in ["more/t1.nrrd", "more/t2.nrrd"] {
+        one(&d, name, &[0.0, 1.0]);
+    }
+    let mixed = [files[0].clone(), here(&d, "more")];
+    assert!(Series::open(&mixed, &times).unwrap_err().to_string().contains("unsorted"));
+}
+
+#[test]
 fn missing_steps_are_named() {
     let d = dir();
     let files = ["t008", "t009", "t011", "t012"].map(|n| one(&d, &format!("{n}.nrrd"), &[0.0, 1.0]));
@@ -172,8 +222,28 @@ fn bad_voxels() {
     assert!(s.range().is_err() && s.histogram(0, 4, [0.0, 1.0]).is_err() && s.load_labels(0).is_err());
     let replaced = Series::open(&p, &SeriesOptions { nan_as: Some(-1.0), ..Default::default() }).unwrap();
     assert_eq!(replaced.load(0).unwrap().values, [0.0, 1.0, 2.0, 3.0, -1.0, 5.0, -1.0, -1.0]);
-    assert_eq!(replaced.range().unwrap(), [-1.0, 5.0]);
+    assert_eq!(replaced.range().unwrap(), [0.0, 5.0]);
     assert!(Series::open(&p, &SeriesOptions { nan_as: Some(f32::NAN), ..Default::default() }).is_err());
+}
+
+#[test]
+fn replaced_voxels_count_neither_in_the_range_nor_in_the_histogram() {
+    let d = dir();
+    let options = SeriesOptions { nan_as: Some(-9999.0), ..Default::default() };
+    let (nan, infinite) = (f32::NAN, f32::INFINITY);
+    let one = with(&d, "one.nrrd", "2 2 1", "1 1 1", &[10.0, nan, 21.5, infinite]);
+    let many = with(&d, "many.nrrd", "2 1 1 3", "1 1 1 1", &[nan, 10.0, 21.5, nan, 12.0, -infinite]);
+    for (file, not_finite) in [(one, 2), (many, 3)] {
+        let s = Series::open(&[file], &options).unwrap();
+        assert_eq!(s.range().unwrap(), [10.0, 21.5]);
+        assert_eq!(s.scan().unwrap(), Scan { range: Some([10.0, 21.5]), not_finite });
+        assert_eq!(s.histogram(0, 1, [-9999.0, f32::INFINITY]).unwrap()[0], if not_finite == 2 { 2 } else { 1 });
+        assert!(s.load(0).unwrap().values.contains(&-9999.0));
+    }
+    let none = Series::open(&[with(&d, "none.nrrd", "2 1 1", "1 1 1", &[nan, infinite])], &options).unwrap();
+    assert_eq!(none.scan().unwrap(), Scan { range: None, not_finite: 2 });
+    let message = none.range().unwrap_err().to_string();
+    assert!(message.contains("none.nrrd") && message.contains("no voxel of any step is finite"), "{message}");
 }
 
 #[test]
@@ -264,7 +334,7 @@ fn many_small_compressed_steps_are_unpacked_together() {
     let message = open(std::slice::from_ref(&file)).unwrap().range().unwrap_err().to_string();
     assert!(message.contains("nan.nrrd[999999]") && message.contains("x=1 y=0 z=0"), "{message}");
     let options = SeriesOptions { nan_as: Some(-1.0), ..SeriesOptions::default() };
-    assert_eq!(Series::open(&[file], &options).unwrap().range().unwrap(), [-1.0, 1_999_998.0]);
+    assert_eq!(Series::open(&[file], &options).unwrap().range().unwrap(), [0.0, 1_999_998.0]);
 }
 
 #[test]

@@ -135,6 +135,15 @@ pub struct SegmentRange {
     pub color: Option<[f32; 3]>,
 }
 
+impl SegmentRange {
+    /// Whether a fraction is in the range.
+    #[must_use]
+    pub fn contains(&self, fraction: f64) -> bool {
+        let [low, high] = self.range;
+        low <= fraction && (fraction < high || (high >= 1.0 && fraction <= high))
+    }
+}
+
 /// Default of [`TransferFunction::unit_length`].
 pub const DEFAULT_UNIT_LENGTH: f64 = 0.01;
 
@@ -174,10 +183,7 @@ impl TransferFunction {
     /// Index into `segments` of the one that contains a fraction; `None` outside all of them.
     #[must_use]
     pub fn segment_of(&self, fraction: f64) -> Option<usize> {
-        self.segments.iter().position(|s| {
-            let [low, high] = s.range;
-            low <= fraction && (fraction < high || (high >= 1.0 && fraction <= high))
-        })
+        self.segments.iter().position(|s| s.contains(fraction))
     }
 
     /// Colour of a segment: its own or the one in the middle of its range.

@@ -182,3 +182,50 @@ fn the_late_task_is_out_of_time(site: &Site, job: u64) {
     println!("out of time after step {before}, requeued, resumed from step {after}");
     assert!(order.windows(2).all(|w| w[0] < w[1]), "a step was taken twice: {order:?}");
 }
+
+#[test]
+fn queued_runs_are_not_submitted_again_after_an_edit_of_the_file() {
+    let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("sweep edited");
+    if root.exists() {
+        std::fs::remove_dir_all(&root).unwrap();
+    }
+    write_dataset(&root.join("data"));
+    // scripts as Slurm's programs: job 7 stays in the queue, later ones leave it at once
+    let bin = root.join("bin");
+    for (name, body) in [
+        ("sbatch", "cd \"${0%/*}\"; echo >>calls; echo $((6 + $(wc -l <calls)))"),
+        ("squeue", "echo '7_0|PENDING|0:00|(Resources)'; echo '7_1|RUNNING|0:05|node'"),
+        ("scontrol", "exit 1"),
+    ] {
+        super::cluster::executable(&bin.join(name), body);
+    }
+    let own = std::env::var_os("PATH").unwrap();
+    let path = std::env::join_paths(std::iter::once(bin).chain(std::env::split_paths(&own))).unwrap();
+    let settings = SETTINGS.iter().map(|s| s.split_once('=').unwrap());
+    let set: String = settings.map(|(k, v)| format!("\"{k}\" = {v}\n")).collect();
+    let file = root.join("edited.toml");
+    let name = file.to_str().unwrap();
+    let edit = |head: &str| std::fs::write(&file, format!("{head}\n[data]\nballs = \"data\"\n[set]\n{set}")).unwrap();
+    let call = |arguments: &[&str]| -> Value {
+        let mut command = Command::new(BINARY);
+        command.arg("sweep").args(arguments).arg("--json").arg("--out").arg(root.join("out")).env("PATH", &path);
+        serde_json::from_slice(&succeeded(command.output().unwrap()).stdout).unwrap()
+    };
+    let submitted = || -> Vec<Value> {
+        let jobs = call(&[name, "--slurm"]);
+        jobs["jobs"].as_array().unwrap().iter().map(|job| job["tasks"].clone()).collect()
+    };
+    let states = || -> Vec<Value> {
+        let status = call(&["status", name]);
+        status["runs"].as_array().unwrap().iter().map(|run| run["state"].clone()).collect()
+    };
+    edit("seeds = [0, 1]");
+    assert_eq!(submitted(), [serde_json::json!([0, 1])]);
+    edit("title = 'Another'\nseeds = [0, 1]");
+    assert_eq!(submitted(), [] as [Value; 0]);
+    assert_eq!(states(), ["queued", "running"]);
+    // a new run, before the others
+    edit("seeds = [2, 0, 1]");
+    assert_eq!(submitted(), [serde_json::json!([0])]);
+    assert_eq!(states(), ["to do", "queued", "running"]);
+}

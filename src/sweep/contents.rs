@@ -1,0 +1,152 @@
+//! Digests of the files that runs are measured with: weights of networks and masks of other programs. Their names do
+//! not tell when they are replaced.
+
+use super::spec::SegmentSpec;
+use crate::segment::masks::sam::checkpoint;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+use twox_hash::XxHash3_128;
+
+/// Digests of files and folders by path, taken once, when the sweep is planned.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Contents(BTreeMap<PathBuf, String>);
+
+impl Contents {
+    /// Reads all that measuring with these LPIPS weights and specifications uses, each file once.
+    ///
+    /// # Errors
+    /// The key of a file that cannot be read, and why.
+    pub(super) fn read<'a>(
+        lpips: &[PathBuf],
+        specs: impl Iterator<Item = &'a SegmentSpec>,
+    ) -> Result<Self, (String, String)> {
+        let mut contents = Self::default();
+        for path in lpips {
+            contents.add("eval.lpips_weights", path, path)?;
+        }
+        for spec in specs {
+            if let Some(path) = &spec.mask_dir {
+                contents.add("segments.mask_dir", path, path)?;
+            }
+            if let Some(name) = sam(spec) {
+                let key = "segments.sam_weights";
+                let file = checkpoint::locate(spec.sam_weights.as_deref());
+                contents.add(key, name, &file.map_err(|e| (key.to_owned(), e.to_string()))?)?;
+            }
+        }
+        Ok(contents)
+    }
+
+    fn add(&mut self, key: &str, name: &Path, place: &Path) -> Result<(), (String, String)> {
+        if self.0.contains_key(name) {
+            return Ok(());
+        }
+        let bad = |e: io::Error| (key.to_owned(), format!("{}: {e}; make it readable", place.display()));
+        self.0.insert(name.to_owned(), digest(place).map_err(bad)?);
+        Ok(())
+    }
+
+    /// True if there are none.
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// The digests of these LPIPS weights as text, empty without weights.
+    pub(super) fn of_lpips(&self, weights: &[PathBuf]) -> String {
+        self.text(weights.iter().map(PathBuf::as_path))
+    }
+
+    /// The digests of the files that `spec` names as text, empty if it names none.
+    pub(super) fn of_segments(&self, spec: &SegmentSpec) -> String {
+        self.text(spec.mask_dir.as_deref().into_iter().chain(sam(spec)))
+    }
+
+    fn text<'a>(&self, names: impl Iterator<Item = &'a Path>) -> String {
+        // plans of early versions have no digests
+        names.filter_map(|name| self.0.get(name)).map(|digest| format!(" {digest}")).collect()
+    }
+}
+
+/// What the weights of `masks = "sam"` are called here; those of the cache folder by their name alone, as each machine
+/// has its own folder.
+fn sam(spec: &SegmentSpec) -> Option<&Path> {
+    let own = spec.sam_weights.as_deref();
+    (spec.masks == "sam").then(|| own.unwrap_or(Path::new(checkpoint::FILE_NAME)))
+}
+
+/// The 128-bit XXH3 hash of a file, or of the sorted names and the hashes of the masks in a folder.
+fn digest(path: &Path) -> io::Result<String> {
+    let found = std::fs::metadata(path)?;
+    if found.is_file() {
+        return hash(path);
+    }
+    if !found.is_dir() {
+        return Err(io::Error::other("neither a file nor a folder"));
+    }
+    let mut files = Vec::new();
+    list(path, true, &mut files)?;
+    files.sort();
+    let mut whole = XxHash3_128::new();
+    for file in &files {
+        let name = file.strip_prefix(path).unwrap_or(file).as_os_str().as_encoded_bytes();
+        // lengths first, so that names and contents cannot run into each other
+        whole.write(&(name.len() as u64).to_le_bytes());
+        whole.write(name);
+        whole.write(hash(file)?.as_bytes());
+    }
+    Ok(format!("{:032x}", whole.finish_128()))
+}
+
+/// Adds the masks in `folder` and, with `groups`, in the folders of groups there: PNG files, as nothing else is read.
+fn list(folder: &Path, groups: bool, files: &mut Vec<PathBuf>) -> io::Result<()> {
+    for entry in std::fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            if groups {
+                list(&path, false, files)?;
+            }
+        } else if path.is_file() && path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("png")) {
+            files.push(path);
+        }
+    }
+    Ok(())
+}
+
+fn hash(path: &Path) -> io::Result<String> {
+    crate::program::digest(File::open(path)?).map(|(digest, _)| digest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_and_contents_of_a_folder_count_and_its_place_does_not() {
+        let dir = tempfile::tempdir().unwrap();
+        let of = |folder: &str, files: &[(&str, &str)]| {
+            for (name, text) in files {
+                let path = dir.path().join(folder).join(name);
+                std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+                std::fs::write(path, text).unwrap();
+            }
+            digest(&dir.path().join(folder)).unwrap()
+        };
+        let base = of("a", &[("scene/v_1.png", "one"), ("scene/v_2.png", "two")]);
+        assert_eq!(of("b", &[("scene/v_2.png", "two"), ("scene/v_1.png", "one"), ("scene/notes", "x")]), base);
+        for (folder, files) in [
+            ("c", [("scene/v_1.png", "two"), ("scene/v_2.png", "one")]),
+            ("d", [("scene/v_1.png", "one"), ("scene/v_3.png", "two")]),
+            ("e", [("scene/v_1.png", "one"), ("v_2.png", "two")]),
+        ] {
+            assert_ne!(of(folder, &files), base, "{folder}");
+        }
+        // as given by `xxh128sum`
+        std::fs::write(dir.path().join("empty"), "").unwrap();
+        assert_eq!(digest(&dir.path().join("empty")).unwrap(), "99aa06d3014798d86001c324468d497f");
+        assert!(digest(&dir.path().join("nothing")).is_err());
+    }
+}
