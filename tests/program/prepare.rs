@@ -190,7 +190,7 @@ fn invalid_input_gives_one_error_and_leaves_nothing_behind() {
 fn nan_voxels_are_reported_or_replaced() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();
-    let mut values = vec![0.5f32; 4 * 4 * 4];
+    let mut values: Vec<f32> = (0..4 * 4 * 4).map(|i| i as f32).collect();
     values[21] = f32::NAN;
     std::fs::write(root.join("v.raw"), values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>()).unwrap();
     std::fs::write(root.join("v.raw.toml"), "dims = [4, 4, 4]\ntype = \"f32\"\n").unwrap();
@@ -215,7 +215,8 @@ fn inspect_shows_volumes() {
     assert_eq!(shown["dims"], serde_json::json!([20, 16, 12]));
     assert_eq!((&shown["steps"], &shown["type"]), (&serde_json::json!(3), &serde_json::json!("u16")));
     assert!(image::open(&picture).unwrap().width() > 400);
-    refused(volseggs().args(["inspect", &text(root, "nothing.xyz")]), &["nothing.xyz", ".nrrd"]);
+    std::fs::write(root.join("other.xyz"), []).unwrap();
+    refused(volseggs().args(["inspect", &text(root, "other.xyz")]), &["other.xyz", ".nrrd"]);
 }
 
 #[test]

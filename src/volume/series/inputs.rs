@@ -97,9 +97,9 @@ fn stem(file: &Path) -> String {
     text
 }
 
-/// Checks that the numbers in the names of the `files` that `inputs` named increase and, unless gaps are allowed or times
-/// given, that no step is missing, which decimal numbers and dates do not show. Files listed one by one with their times
-/// are in order as listed. Returns whether there are gaps.
+/// Checks that the numbers in the names of the `files` that `inputs` named increase and, unless gaps are allowed or
+/// times given, that no step is missing, which decimal numbers and dates do not show. Files listed one by one with their
+/// times are in order as listed. Returns whether there are gaps.
 ///
 /// # Errors
 /// Files out of order or of unclear order, files of several series, or a missing step.
@@ -116,8 +116,8 @@ pub fn check_order(inputs: &[String], files: &[PathBuf], options: &SeriesOptions
             files[a].display(),
             files[b].display()
         );
-        let hint = "list the files in order of time with the time of each (--time-values), or pad the numbers with zeros \
-                    to one length";
+        let hint = "list the files in order of time with the time of each (--time-values), or pad the numbers with \
+                    zeros to one length";
         return Err(VolumeError::invalid(&files[a], "inputs", problem, hint));
     }
     if let Some(i) = names.first_unsorted() {

@@ -111,7 +111,8 @@ fn reading(names: &[Vec<Piece<'_>>]) -> Reading {
 
 /// How numbers are read that share their whole part and whose fractions, one for each name, differ in length: decimal
 /// if these have a constant stride, else whole if those have one. If neither has, the numbers are decimal where that
-/// does not change the order, or where the stride is constant but for rounding; else the order is unclear.
+/// does not change the order, or where the stride is constant but for rounding; else the order is unclear. Strides that
+/// are multiples of the smallest, as of steps with a gap, prove nothing: `0.35`, `0.5`, `0.7`, `0.9` has them too.
 fn by_stride(fractions: &[&str]) -> Reading {
     let longest = fractions.iter().map(|f| f.len()).max().unwrap_or(0);
     let shortest = fractions.iter().map(|f| f.len()).min().unwrap_or(0);
@@ -373,6 +374,9 @@ mod tests {
             (&["sim1.1", "sim1.2", "sim1.3", "sim1.11", "sim1.12"][..], ["sim1.3", "sim1.11"]),
             (&["sim1.1", "sim1.11", "sim1.12", "sim1.2", "sim1.3"], ["sim1.3", "sim1.11"]),
             (&["run1.9", "run1.11"], ["run1.9", "run1.11"]),
+            // a gap in steps of 3; decimal numbers can look the same, as multiples of 2
+            (&["f128.3", "f128.9", "f128.12"], ["f128.9", "f128.12"]),
+            (&["t0.35", "t0.5", "t0.7", "t0.9"], ["t0.9", "t0.35"]),
         ] {
             assert_eq!(unclear(names).unwrap(), pair, "{names:?}");
         }
