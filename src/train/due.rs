@@ -77,8 +77,7 @@ pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
     let prunes = prunes && every(d.prune_every);
     // counted over the run, as resets may continue in the joint stage
     let of_run = stage.step_of_run(config) + 1;
-    let resets = d.opacity_reset > 0 && (d.opacity_reset <= config.stages.warmup_steps || d.opacity_reset_joint);
-    let was_reset = resets && of_run > d.opacity_reset;
+    let was_reset = d.opacity_reset > 0 && of_run > d.opacity_reset;
     // after the last step of the run nothing would raise the opacities again
     let goes_on = of_run < config.stages.warmup_steps + config.stages.joint_steps;
     let reset = (!stage.is_joint() || d.opacity_reset_joint)

@@ -8,9 +8,9 @@
 use crate::volume::transfer::{SegmentRange, TransferFunction};
 
 /// Minimum number of entries of the table; enough unless bands are narrower than a thousandth of the span.
-const ENTRIES: usize = 4096;
+const MIN_ENTRIES: usize = 4096;
 /// Maximum number of entries.
-const MOST_ENTRIES: usize = 1 << 20;
+const MAX_ENTRIES: usize = 1 << 20;
 /// Minimum number of entries between two control points, and across a named range.
 const PER_BAND: f64 = 4.0;
 /// Opacities are kept below one, whose extinction would be infinite.
@@ -39,9 +39,9 @@ fn entries(transfer: &TransferFunction) -> usize {
     let opacity = widths(transfer.opacity.iter().map(|p| p.0).collect());
     let colors = widths(transfer.colors.iter().map(|p| p.0).collect());
     let ranges = transfer.segments.iter().map(|s| s.range[1] - s.range[0]);
-    let least = PER_BAND / (MOST_ENTRIES - 1) as f64;
+    let least = PER_BAND / (MAX_ENTRIES - 1) as f64;
     let narrowest = opacity.into_iter().chain(colors).chain(ranges).filter(|w| *w >= least).fold(1.0, f64::min);
-    ((PER_BAND / narrowest).ceil() as usize + 1).clamp(ENTRIES, MOST_ENTRIES)
+    ((PER_BAND / narrowest).ceil() as usize + 1).clamp(MIN_ENTRIES, MAX_ENTRIES)
 }
 
 impl Table {
@@ -200,7 +200,7 @@ mod tests {
         colored.colors = [0.0, 0.5, 0.500_1, 1.0].map(|x| (x, [x as f32; 3])).to_vec();
         assert!(entries(&colored) >= 40_001);
         for width in [1e-4, 1e-5, 4e-6, 3e-6, 1e-7] {
-            assert!(entries(&function(&[(0.5, 0.1), (0.5 + width, 0.2)], &[])) <= MOST_ENTRIES, "{width}");
+            assert!(entries(&function(&[(0.5, 0.1), (0.5 + width, 0.2)], &[])) <= MAX_ENTRIES, "{width}");
         }
     }
 
