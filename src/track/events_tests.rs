@@ -264,6 +264,15 @@ fn random_history(seed: u64, times: usize, steadiness: f32) -> (Vec<Vec<u32>>, V
     (rows, opacity)
 }
 
+/// A share of exactly one half, from sums that rounding may put on either side of it.
+#[test]
+fn a_tie_is_decided_alike_in_both_directions() {
+    let (rows, opacity) = random_history(23_275, 4, 0.57744706);
+    let config = EventConfig { persistence: 3, ..EventConfig::default() };
+    let (there, back) = (run(&rows, &opacity, &config, false), run(&rows, &opacity, &config, true));
+    assert_eq!(shapes(&there, false), shapes(&back, true));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
     #[test]

@@ -37,9 +37,13 @@ pub(crate) struct Graph {
     pub(crate) parents: Vec<Vec<Shared>>,
 }
 
+/// Opacities are rounded up to multiples of one part in this many. Sums of up to 2^23 opacities are then exact, so they do
+/// not depend on their order, and ties are decided alike forward and backward in time.
+const STEPS: f64 = (1u64 << 30) as f64;
+
 /// Returns the opacity that counts: 0 for anything not positive and finite.
 pub(crate) fn usable(opacity: f32) -> f64 {
-    if opacity.is_finite() { f64::from(opacity.max(0.0)) } else { 0.0 }
+    if opacity.is_finite() { (f64::from(opacity.max(0.0)) * STEPS).ceil() / STEPS } else { 0.0 }
 }
 
 /// Sums of one label.
@@ -176,20 +180,23 @@ impl Nodes {
         heads
     }
 
-    /// Returns each node's successor along a link that is the strongest of both its ends.
+    /// Returns each node's successor along a link that is the strongest of both its ends. Of equally strong links, the one
+    /// to the node with the lowest Gaussian counts, then the one to the nearest time.
     pub(crate) fn strongest(&self, graph: &Graph) -> Vec<Option<usize>> {
-        let best = |list: &[Shared], size: fn(&Shared) -> f64| {
+        let best = |node: usize, list: &[Shared], size: fn(&Shared) -> f64| {
+            let first = |s: &Shared| self.list[s.other].first;
+            let distance = |s: &Shared| self.list[s.other].time.abs_diff(self.list[node].time);
             list.iter()
                 .max_by(|a, b| {
-                    let first = |s: &Shared| self.list[s.other].first;
-                    size(a).total_cmp(&size(b)).then_with(|| first(b).cmp(&first(a)))
+                    let tie = || (first(b), distance(b)).cmp(&(first(a), distance(a)));
+                    size(a).total_cmp(&size(b)).then_with(tie)
                 })
                 .map(|s| s.other)
         };
         (0..self.list.len())
             .map(|node| {
-                let child = best(&graph.children[node], |s| s.before)?;
-                (best(&graph.parents[child], |s| s.after) == Some(node)).then_some(child)
+                let child = best(node, &graph.children[node], |s| s.before)?;
+                (best(child, &graph.parents[child], |s| s.after) == Some(node)).then_some(child)
             })
             .collect()
     }
