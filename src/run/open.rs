@@ -284,8 +284,7 @@ impl<S: Trained> OpenRun<S> {
     /// # Errors
     /// If the file is damaged.
     pub fn edits(&self) -> Result<EditStack, RunError> {
-        let path = self.paths().edits();
-        if path.exists() { EditStack::load(&path).map_err(RunError::input) } else { Ok(EditStack::default()) }
+        edits_in(&self.paths().edits())
     }
 
     /// Reads a split of the run's dataset, or of `data` instead.
@@ -318,6 +317,11 @@ impl<S: Trained> OpenRun<S> {
         }
         Ok(root)
     }
+}
+
+/// Reads the edits in a file; none if there is no file yet.
+pub(super) fn edits_in(path: &Path) -> Result<EditStack, RunError> {
+    if path.exists() { EditStack::load(path).map_err(RunError::input) } else { Ok(EditStack::default()) }
 }
 
 /// Returns the method of the run at `path`. A record that cannot be read is reported later, with what is missing.

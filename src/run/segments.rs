@@ -1,6 +1,7 @@
 //! Changes to a run's segments: finding them by colour, grouping, renaming, removing, and undoing each of these.
 
 use super::cameras::Surroundings;
+use super::open::edits_in;
 use super::{OpenRun, RunError};
 use crate::draw::views::view_sheet;
 use crate::edit::EditStack;
@@ -162,11 +163,7 @@ impl RunSegments {
         if renames.is_empty() {
             return Ok(renames);
         }
-        let mut edits = if self.edits.exists() {
-            EditStack::load(&self.edits).map_err(RunError::input)?
-        } else {
-            EditStack::default()
-        };
+        let mut edits = edits_in(&self.edits)?;
         for [old, new] in &self.renamed {
             edits.rename(old, new);
         }

@@ -329,6 +329,16 @@ mod tests {
         Names::of(&stems).unclear.map(|pair| pair.map(|i| stems[i].clone()))
     }
 
+    /// Checks that names are in this order, beyond doubt, and whether their numbers are steps.
+    fn check_order(right: &[&str], steps: bool) {
+        let mut names = right.to_vec();
+        names.reverse();
+        assert_eq!(sorted(&names), right);
+        assert_eq!((unsorted(right), unclear(right)), (None, None), "{right:?}");
+        let stems: Vec<String> = right.iter().map(|n| (*n).to_owned()).collect();
+        assert_eq!(Names::of(&stems).steps().is_some(), steps, "{right:?}");
+    }
+
     #[test]
     fn unpadded_steps_after_a_constant_number_come_in_order() {
         for right in [
@@ -336,12 +346,7 @@ mod tests {
             &["run01.1", "run01.3", "run01.5", "run01.7", "run01.9", "run01.11", "run01.13"],
             &["run1.8", "run1.9", "run1.10", "run1.12"],
         ] {
-            let mut names = right.to_vec();
-            names.reverse();
-            assert_eq!(sorted(&names), right);
-            assert_eq!((unsorted(right), unclear(right)), (None, None), "{right:?}");
-            let stems: Vec<String> = right.iter().map(|n| (*n).to_owned()).collect();
-            assert!(Names::of(&stems).steps().is_some(), "{right:?}");
+            check_order(right, true);
         }
     }
 
@@ -359,12 +364,7 @@ mod tests {
             // beyond 128 bits
             &["t0.1111111111111111111111111111111111111111", "t0.3", "t0.4"],
         ] {
-            let mut names = right.to_vec();
-            names.reverse();
-            assert_eq!(sorted(&names), right);
-            assert_eq!((unsorted(right), unclear(right)), (None, None), "{right:?}");
-            let stems: Vec<String> = right.iter().map(|n| (*n).to_owned()).collect();
-            assert!(Names::of(&stems).steps().is_none(), "{right:?}");
+            check_order(right, false);
         }
     }
 
