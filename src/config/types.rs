@@ -185,6 +185,15 @@ pub struct LossConfig {
     pub extra: BTreeMap<String, f64>,
 }
 
+impl LossConfig {
+    /// Returns name and weight of the first regulariser of the field's grid that is switched on; methods without a
+    /// field refuse it.
+    pub fn of_the_grid(&self) -> Option<(&'static str, f64)> {
+        let all = [("tv", self.tv), ("tv_time", self.tv_time), ("one_prior", self.one_prior)];
+        all.into_iter().find(|(_, weight)| *weight != 0.0)
+    }
+}
+
 /// Distance between colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]

@@ -147,6 +147,13 @@ impl Truth {
         ids_at(&self.file.lineage, ids, from, to)
     }
 
+    /// Whether any picture at `time` shows one of the segments `ids`.
+    #[must_use]
+    pub fn is_pictured(&self, ids: &[u16], time: f64) -> bool {
+        let own = self.file.segments.iter().filter(|s| ids.contains(&s.id));
+        own.flat_map(|s| &s.frames).any(|f| (f.time - time).abs() <= SAME_TIME && f.pixels > 0)
+    }
+
     /// The training views with a label image at the one time nearest to `time`; if they are fewer than `enough`, also
     /// the test views of that same time. Cameras are those of images reduced by the integer `downscale`.
     ///

@@ -49,6 +49,24 @@ fn views_of_the_nearest_time() {
 }
 
 #[test]
+fn a_segment_is_pictured_at_the_times_of_views_that_show_it() {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path());
+    let mut truth = Truth::read(folder.path()).unwrap();
+    let frame = |time: f64, pixels: usize| SegmentFrame {
+        file_path: "a.png".into(),
+        mask_path: "a_mask.png".into(),
+        transform_matrix: DMat4::IDENTITY.to_cols_array_2d(),
+        time,
+        pixels,
+    };
+    let frames = vec![frame(0.0, 0), frame(0.5, 0), frame(0.5, 3)];
+    truth.file.segments = vec![SegmentEntry { id: 4, name: "a".into(), frames }];
+    assert!(truth.is_pictured(&[4], 0.5) && truth.is_pictured(&[1, 4], 0.5));
+    assert!(!truth.is_pictured(&[4], 0.0) && !truth.is_pictured(&[4], 1.0) && !truth.is_pictured(&[1], 0.5));
+}
+
+#[test]
 fn ids_of_8_and_16_bits_at_both_sizes() {
     let folder = tempfile::tempdir().unwrap();
     write(folder.path());

@@ -2,7 +2,7 @@
 //! field. Its Gaussians persist over time, so everything that works with VolSegGS works with them.
 
 use super::{Method, Model, Training};
-use crate::config::types::Config;
+use crate::config::types::{Config, EncoderKind};
 use crate::data::Dataset;
 use crate::model::{Scene, SceneError, d3dgs};
 use crate::train::{TrainError, Trainer};
@@ -28,6 +28,18 @@ impl Method for D3dgs {
         d3dgs::check(network)?;
         if config.model.embedding > 0 {
             return Err(format!("model.embedding = {}: only with the method volseggs", config.model.embedding));
+        }
+        if config.model.encoder != EncoderKind::Factorised {
+            return Err("model.encoder: only with the method volseggs; remove the key".to_owned());
+        }
+        if let Some((key, weight)) = config.loss.of_the_grid() {
+            return Err(format!("loss.{key} = {weight}: its network has no grid to regularise; set it to 0"));
+        }
+        if network.time_noise > 0.0 && network.time_noise_steps == 0 {
+            return Err(format!(
+                "{NAME}.time_noise = {}: has no effect with {NAME}.time_noise_steps = 0; set one of them",
+                network.time_noise
+            ));
         }
         if config.loss.fade != 0.0 {
             return Err(format!("loss.fade = {}: its network does not change opacities", config.loss.fade));

@@ -123,7 +123,15 @@ fn settings_of_another_method_are_refused() {
     {
         assert!(error(&config(&[key])).contains(words), "{}", error(&config(&[key])));
     }
-    for key in ["speed.cull_visits=4", "model.embedding=4"] {
+    for key in [
+        "speed.cull_visits=4",
+        "model.embedding=4",
+        "model.encoder=implicit",
+        "loss.tv=0.1",
+        "loss.tv_time=0.1",
+        "loss.one_prior=0.1",
+        "d3dgs.time_noise_steps=0",
+    ] {
         let name = key.split('=').next().unwrap();
         assert!(error(&config(&[key])).contains(name), "{}", error(&config(&[key])));
     }

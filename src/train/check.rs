@@ -145,6 +145,12 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
             config.speed.cull_visits
         ));
     }
+    if config.stages.joint_steps == 0 && config.loss.fade > 0.0 {
+        return bad(format!(
+            "loss.fade = {}: acts in the joint stage, which stages.joint_steps = 0 leaves out; set it to 0",
+            config.loss.fade
+        ));
+    }
     if config.loss.fade > 0.0 && !config.model.deform_opacity {
         return bad(format!("loss.fade = {}: nothing fades with model.deform_opacity = false", config.loss.fade));
     }
@@ -225,12 +231,19 @@ fn check_densify(densify: &DensifyConfig) -> Result<(), TrainError> {
         ("prune_size", densify.prune_size > 0.0, densify.prune_size),
         ("opacity_reset_until", densify.opacity_reset_until > 0, densify.opacity_reset_until as f64),
     ];
-    match waits.into_iter().find(|(_, is_on, _)| *is_on && densify.opacity_reset == 0) {
-        Some((key, _, value)) => bad(format!(
+    if let Some((key, _, value)) = waits.into_iter().find(|(_, is_on, _)| *is_on && densify.opacity_reset == 0) {
+        return bad(format!(
             "densify.{key} = {value}: has an effect only after an opacity reset; set densify.opacity_reset as well"
-        )),
-        None => Ok(()),
+        ));
     }
+    let DensifyConfig { opacity_reset: first, opacity_reset_until: last, .. } = *densify;
+    if last > 0 && last < first {
+        return bad(format!(
+            "densify.opacity_reset_until = {last}: before densify.opacity_reset = {first}, which comes once all the same; \
+             set it to 0 for one reset, or to a later step"
+        ));
+    }
+    Ok(())
 }
 
 /// Refuses a budget for more Gaussians than there are at the start if none are ever added.
@@ -318,7 +331,7 @@ mod tests {
     fn invalid_values_are_named_with_the_values_allowed() {
         check(&Config::default()).unwrap();
         type Edit = fn(&mut Config);
-        let cases: [(Edit, [&str; 2]); 30] = [
+        let cases: [(Edit, [&str; 2]); 32] = [
             (|c| c.optim.warmup_decay_steps = 0, ["optim.warmup_decay_steps = 0", "at least 1"]),
             (|c| c.data.only_times = vec![0.5, 1.5], ["data.only_times: 1.5", "between 0 and 1"]),
             (|c| c.data.only_times = vec![-0.5], ["data.only_times = -0.5", "0 or above"]),
@@ -328,6 +341,11 @@ mod tests {
             (|c| c.densify.prune_every = 0, ["densify.prune_every = 0", "at least 1"]),
             (|c| c.densify.prune_size = 0.1, ["densify.prune_size = 0.1", "densify.opacity_reset"]),
             (|c| c.densify.opacity_reset_until = 9, ["densify.opacity_reset_until = 9", "densify.opacity_reset "]),
+            (
+                |c| (c.densify.opacity_reset, c.densify.opacity_reset_until) = (300, 200),
+                ["densify.opacity_reset_until = 200", "opacity_reset = 300"],
+            ),
+            (|c| (c.stages.joint_steps, c.loss.fade) = (0, 0.1), ["loss.fade = 0.1", "stages.joint_steps = 0"]),
             (|c| c.densify.opacity_reset = 3000, ["densify.opacity_reset = 3000", "stages.warmup_steps = 500"]),
             (|c| c.densify.opacity_reset_joint = true, ["opacity_reset_joint = true", "set that as well"]),
             (|c| c.densify.mode = DensifyMode::Off, ["densify.budget = 150000", "densify.mode = \"off\""]),

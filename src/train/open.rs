@@ -1,6 +1,6 @@
 //! Opens a dataset as a configuration requests it: image size, splits and selection of views.
 
-use crate::config::types::Config;
+use crate::config::types::{Config, DataConfig};
 use crate::data::dataset::read_split;
 use crate::data::images::ImageSet;
 use crate::data::thin::{at_times, evenly, nearest_times, thinned};
@@ -11,7 +11,8 @@ use std::path::{Path, PathBuf};
 /// Opens `root` for training with `config`, including the test views if they are evaluated during training.
 ///
 /// # Errors
-/// As [`Dataset::open`], or if two of `data.only_times` select the same time.
+/// As [`Dataset::open`], if two of `data.only_times` select the same time, or if there are fewer times or views than the
+/// configuration asks for.
 pub fn open_dataset(root: &Path, config: &Config) -> Result<Dataset, DataError> {
     let mut splits = vec![SplitName::Train];
     if config.output.eval_every > 0 && Dataset::present(root).contains(&SplitName::Test) {
@@ -24,6 +25,7 @@ pub fn open_dataset(root: &Path, config: &Config) -> Result<Dataset, DataError> 
         dataset.train = at_times(dataset.train, &times);
         dataset.test = dataset.test.map(|test| near(test, &times));
     }
+    check_counts(root, &dataset.train, &config.data)?;
     dataset.train = thinned(dataset.train, config.data.times, config.data.views_per_time);
     Ok(dataset)
 }
@@ -100,6 +102,27 @@ fn near(split: Split, times: &[f64]) -> Split {
     at_times(split, &nearest)
 }
 
+/// Refuses to train on fewer times or views than asked for: a variant of a sweep that raises their number would train its
+/// baseline.
+fn check_counts(root: &Path, train: &Split, data: &DataConfig) -> Result<(), DataError> {
+    let times = train.times();
+    let views = |time: &f64| train.frames.iter().filter(|f| f.time == *time).count();
+    let most = times.iter().map(views).max().unwrap_or(0);
+    let counts = [
+        ("data.times", data.times, format!("there are {} training times", times.len()), times.len()),
+        ("data.views_per_time", data.views_per_time, format!("no training time has more than {most} views"), most),
+    ];
+    match counts.into_iter().find(|(_, asked, _, there)| asked > there) {
+        None => Ok(()),
+        Some((option, asked, problem, there)) => Err(DataError::Option {
+            path: SplitName::Train.json_path(root),
+            option,
+            problem: format!("{asked}, but {problem}"),
+            hint: format!("set it to at most {there}, or to 0 for all"),
+        }),
+    }
+}
+
 /// Returns the training times that `data.only_times` selects.
 fn only_times(root: &Path, all: &[f64], wanted: &[f64]) -> Result<Vec<f64>, DataError> {
     let chosen = nearest_times(all, wanted);
@@ -161,6 +184,24 @@ mod tests {
         (config.data.only_times, config.data.views_per_time) = (vec![0.7], 2);
         let (some, of) = open_trained(folder.path(), &config, 4).unwrap();
         assert_eq!((some.times(), some.frames.len(), of), (vec![1.0], 2, 2));
+    }
+
+    #[test]
+    fn more_times_or_views_than_there_are_is_an_error() {
+        let folder = dataset(6, 8); // three views at each of two times
+        let open = |times: usize, views: usize| {
+            let mut config = Config::default();
+            (config.data.times, config.data.views_per_time) = (times, views);
+            open_dataset(folder.path(), &config).map(|data| data.train.frames.len()).map_err(|e| e.to_string())
+        };
+        assert_eq!([open(2, 3), open(1, 2), open(0, 0)], [Ok(6), Ok(2), Ok(6)]);
+        for (asked, words) in [
+            ((3, 0), ["data.times", "3, but there are 2 training times", "at most 2"]),
+            ((0, 4), ["data.views_per_time", "4, but no training time has more than 3 views", "at most 3"]),
+        ] {
+            let error = open(asked.0, asked.1).unwrap_err();
+            assert!(words.iter().all(|w| error.contains(w)) && error.contains("transforms_train.json"), "{error}");
+        }
     }
 
     #[test]

@@ -217,6 +217,10 @@ pub struct SegmentEvaluation {
     pub oracle_tries: usize,
     /// Times that have a volume of ids.
     pub volume_times: Vec<f64>,
+    /// Share in [0, 1] of what the volume nearest in time to the clicks shows, by opacity, that has an id; `None` without
+    /// volumes. The rest can only lower the 3D IoU.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub labelled_share: Option<f64>,
     /// Names of the coarse colours.
     pub palette: Vec<String>,
     /// Seconds spent on masks and training, by method.

@@ -11,7 +11,7 @@ use super::select::{Chosen, Scenery, fixed};
 use super::setting::{Setting, TRIES};
 use super::target::{Target, targets};
 use super::train::Trainers;
-use super::truth::{TruthFrame, labelled};
+use super::truth::labelled;
 use super::volume::Cells;
 use crate::data::Truth;
 use crate::eval::results::DataId;
@@ -79,6 +79,7 @@ pub fn evaluate_segments(
         training_seconds: trained.seconds.iter().map(|(m, s)| (m.name().to_owned(), *s)).collect(),
         means: Vec::new(),
         not_seen,
+        labelled_share: None,
         partly_known: clicked
             .iter()
             .filter(|c| !c.is_known_at_all_times(truth, time))
@@ -92,7 +93,12 @@ pub fn evaluate_segments(
     let mut volumes = Vec::new();
     for &volume_time in &volume_times {
         say(&format!("IoU in space at time {volume_time:.3}"));
-        volumes.push(in_space(truth, deformed.at(volume_time), [time, volume_time], &clicked)?);
+        let volume = truth.volume(volume_time)?;
+        let cells = Cells::new(&volume, deformed.at(volume_time)).map_err(|e| e.to_string())?;
+        if nearest(volume_times.iter().copied(), time) == Some(volume_time) {
+            evaluation.labelled_share = cells.labelled_share();
+        }
+        volumes.push(in_space(truth, &cells, [time, volume_time], &clicked)?);
     }
     let judge = Judge {
         device: &device,
@@ -198,18 +204,17 @@ fn outcome(chosen: Chosen) -> Outcome {
 }
 
 /// Returns the IoU in space of all selections at one time: by segment, then by method, in [0, 1]; `None` if the segment
-/// is part of something larger then.
+/// is part of something larger then, or shows in pictures but is thinner than the cells, which do not hold it.
 fn in_space(
     truth: &Truth,
-    at: &HostGaussians,
+    cells: &Cells<'_>,
     [from, time]: [f64; 2],
     clicked: &[Clicked<'_>],
 ) -> Result<Vec<Vec<Pair<Option<f64>>>>, SegmentEvalError> {
-    let volume = truth.volume(time)?;
-    let cells = Cells::new(&volume, at).map_err(|e| e.to_string())?;
     let mut out = Vec::new();
     for one in clicked {
         let ids = truth.ids_at(&one.target.ids, from, time);
+        let ids = ids.filter(|ids| cells.hold(ids) || !truth.is_pictured(ids, time));
         let of = |chosen: &Chosen| match &ids {
             Some(ids) => cells.iou(&chosen.selected, ids).map_err(|e| e.to_string()),
             None => Ok(None),
@@ -240,7 +245,8 @@ fn in_pictures(
     let empty = |c: &Choice| Pair { fixed: Vec::new(), oracle: c.oracle.as_ref().map(|_| Vec::new()) };
     let mut scores: Vec<Pair<Vec<FrameScore>>> = clicked.choices.iter().map(empty).collect();
     let frames = &clicked.target.frames;
-    let shown = nearest(frames, time).and_then(|near| frames.iter().position(|f| f.time == near));
+    let shown =
+        nearest(frames.iter().map(|f| f.time), time).and_then(|near| frames.iter().position(|f| f.time == near));
     for (i, frame) in frames.iter().enumerate() {
         let truth = frame.load()?;
         let at = deformed.at(frame.time);
@@ -269,9 +275,9 @@ fn in_pictures(
     Ok(scores)
 }
 
-/// Returns the time of the frame nearest to `time`.
-fn nearest(frames: &[TruthFrame], time: f64) -> Option<f64> {
-    frames.iter().map(|f| f.time).min_by(|a, b| (a - time).abs().total_cmp(&(b - time).abs()))
+/// Returns the one of `times` nearest to `time`.
+fn nearest(times: impl Iterator<Item = f64>, time: f64) -> Option<f64> {
+    times.min_by(|a, b| (a - time).abs().total_cmp(&(b - time).abs()))
 }
 
 /// The scene at the times of the ground truth, each deformed once.

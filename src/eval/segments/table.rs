@@ -14,6 +14,9 @@ use std::path::Path;
 /// Times that differ by less are one: the note shows three digits.
 const SAME_TIME: f64 = 1e-3;
 
+/// A share of labelled material that the note does not mention: what is left is rounding at the borders of segments.
+const ALL_LABELLED: f64 = 0.995;
+
 /// Formats the table at the chosen time as Markdown, as the terminal shows it: first what is selected with the fixed
 /// setting of each method, in space and in pictures; then what the oracle selects; below it, what the numbers are based
 /// on.
@@ -111,6 +114,13 @@ fn note(evaluation: &SegmentEvaluation) -> String {
         n => {
             let _ = write!(out, " 3D: cells of ground-truth volumes at {n} times, weighted by their opacity.");
         }
+    }
+    if let Some(share) = evaluation.labelled_share.filter(|share| *share < ALL_LABELLED) {
+        let _ = write!(
+            out,
+            " {:.1} % of what is visible belongs to a segment; the rest counts against any selection that holds it.",
+            100.0 * share
+        );
     }
     out.push('\n');
     out
@@ -256,6 +266,7 @@ mod tests {
             oracle_tries: 0,
             volume_times: Vec::new(),
             partly_known: Vec::new(),
+            labelled_share: None,
             palette: Vec::new(),
             training_seconds: BTreeMap::new(),
             means: Vec::new(),
@@ -294,6 +305,17 @@ mod tests {
         let columns: Vec<usize> = csv.lines().map(|l| l.split(',').count()).collect();
         assert_eq!(columns[0], columns[1], "{csv}");
         assert!(!markdown(&none).contains("of time"));
+    }
+
+    #[test]
+    fn the_note_says_how_much_of_what_is_visible_belongs_to_no_segment() {
+        let mut evaluation = empty();
+        for (share, words) in [(None, None), (Some(1.0), None), (Some(0.649), Some("64.9 % of what is visible"))] {
+            evaluation.labelled_share = share;
+            let note = markdown(&evaluation);
+            assert_eq!(note.contains("of what is visible"), words.is_some(), "{note}");
+            assert!(words.is_none_or(|w| note.contains(w)), "{note}");
+        }
     }
 
     #[test]

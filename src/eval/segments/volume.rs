@@ -59,6 +59,21 @@ impl<'a> Cells<'a> {
         Ok(Self { volume, at, grid, owners })
     }
 
+    /// Returns whether a cell that shows something has one of `ids`; a segment thinner than the cells may have none.
+    pub fn hold(&self, ids: &[u16]) -> bool {
+        self.volume.ids.iter().zip(&self.volume.opacity).any(|(id, opacity)| shows(*opacity) && ids.contains(id))
+    }
+
+    /// Returns the share of what the cells show, by true opacity, that has an id, in [0, 1]; `None` if they show nothing.
+    pub fn labelled_share(&self) -> Option<f64> {
+        let (mut labelled, mut all) = (0.0f64, 0.0f64);
+        for (id, opacity) in self.volume.ids.iter().zip(&self.volume.opacity).filter(|(_, o)| shows(**o)) {
+            labelled += if *id > 0 { f64::from(*opacity) } else { 0.0 };
+            all += f64::from(*opacity);
+        }
+        (all > 0.0).then(|| labelled / all)
+    }
+
     /// Returns the sum of the true opacities of the cells that are both in a segment of `ids` and in the selection,
     /// over that of those in either, in [0, 1]; `None` if no cell is in either.
     ///

@@ -69,6 +69,15 @@ fn balls_are_found_and_their_overlap_is_that_of_the_opacities() {
     assert_eq!(cells.iou(&both, &[1, 2]).unwrap(), Some(1.0));
     assert_eq!(cells.iou(&both, &[7]).unwrap(), Some(0.0), "an absent segment");
     assert_eq!(cells.iou(&select(&of, |_, _| false), &[7]).unwrap(), None);
+    assert!(cells.hold(&[1]) && cells.hold(&[7, 2]) && !cells.hold(&[7]) && !cells.hold(&[]));
+    assert_eq!(cells.labelled_share(), Some(1.0));
+    let faint = volume(|p| (balls(p).0, 0.5 * FLOOR));
+    let faint = Cells::new(&faint, &at).unwrap();
+    assert!(!faint.hold(&[1]) && faint.labelled_share().is_none(), "its cells are empty");
+    // the right ball without an id and three times as opaque
+    let one = volume(|p| if balls(p).0 == 2 { (0, 0.9) } else { (balls(p).0, balls(p).1 * 0.6) });
+    let share = Cells::new(&one, &at).unwrap().labelled_share().unwrap();
+    assert!((share - 0.25).abs() < 1e-6, "{share}");
     // half of the left ball, cut at its centre
     let half = select(&of, |i, b| b == 1 && f64::from(at.means[3 * i]) < CENTRES[0].x);
     let found = cells.iou(&half, &[1]).unwrap().unwrap();

@@ -2,7 +2,7 @@
 
 use super::model::Scene4d;
 use super::training::Fit;
-use crate::config::types::{Appearance, Config, DensifyMode, WarmupTimes};
+use crate::config::types::{Appearance, Config, DensifyMode, EncoderKind, WarmupTimes};
 use crate::data::Dataset;
 use crate::method::{Method, Model, Training};
 use crate::model::SceneError;
@@ -55,6 +55,7 @@ fn check_shared(config: &Config) -> Result<(), String> {
     let no_stages = "it has one stage, and its steps are stages.warmup_steps";
     let [joint, coarse, visits] = [config.stages.joint_steps, config.speed.coarse_steps, config.speed.cull_visits];
     let average = config.optim.average;
+    let prior = config.loss.of_the_grid();
     let refused = [
         (joint > 0, format!("stages.joint_steps = {joint}"), no_stages),
         (
@@ -68,9 +69,24 @@ fn check_shared(config: &Config) -> Result<(), String> {
             "its Gaussians have no normals; set it to \"sh\"",
         ),
         (
+            config.model.encoder != EncoderKind::Factorised,
+            "model.encoder".to_owned(),
+            "it has no field, so no encoder; remove the key",
+        ),
+        (
+            !config.model.deform_opacity,
+            "model.deform_opacity = false".to_owned(),
+            "its Gaussians always fade by their own times; remove the key",
+        ),
+        (
             config.model.embedding > 0,
             format!("model.embedding = {}", config.model.embedding),
             "it has no decoder to read it",
+        ),
+        (
+            prior.is_some(),
+            prior.map(|(key, weight)| format!("loss.{key} = {weight}")).unwrap_or_default(),
+            "it has no grid to regularise; set it to 0",
         ),
         (
             config.loss.fade != 0.0,
