@@ -10,6 +10,7 @@ use crate::shell;
 use crate::train::run::RunRecord;
 use crate::words::plain;
 use std::collections::BTreeMap;
+use std::fmt::{Display, Formatter};
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
@@ -82,13 +83,14 @@ fn check_metrics(metrics: &[String], outcomes: &[Outcome]) -> Result<(), RunErro
 ///
 /// # Errors
 /// If a folder is given twice or is not a run; if it has not been evaluated on its test views at its present step, or
-/// was evaluated with another number or size of views than another run of its dataset; or if a metric is unknown.
+/// was evaluated at other times, or with another number or size of views, than another run of its dataset; or if a metric
+/// is unknown.
 pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet, RunError> {
     let mut known: Vec<(Table, String)> = Vec::new();
     let mut datasets: Vec<(String, String)> = Vec::new();
     let mut outcomes: Vec<Outcome> = Vec::new();
     let mut met: Vec<PathBuf> = Vec::new();
-    let mut measured: BTreeMap<String, ([usize; 3], PathBuf)> = BTreeMap::new();
+    let mut measured: BTreeMap<String, (Measured, PathBuf)> = BTreeMap::new();
     for folder in folders {
         let whole = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.clone());
         if met.contains(&whole) {
@@ -115,16 +117,18 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
         let short = record.dataset.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         let known_data = datasets.iter().find(|(print, _)| *print == record.fingerprint).map(|(_, name)| name.clone());
         let dataset = known_data.unwrap_or_else(|| {
-            let taken = datasets.iter().any(|(_, name)| *name == short);
-            let name = if taken { record.dataset.display().to_string() } else { short };
+            let whole = record.dataset.display().to_string();
+            let is_free = |name: &String| datasets.iter().all(|(_, known)| known != name);
+            // a folder that was prepared several times is several datasets
+            let name = [short, whole.clone()].into_iter().find(is_free);
+            let name = name.unwrap_or_else(|| format!("{whole} ({})", record.fingerprint));
             datasets.push((record.fingerprint.clone(), name.clone()));
             name
         });
-        let on = [summary.views, summary.width as usize, summary.height as usize];
-        let (first, other) = measured.entry(dataset.clone()).or_insert_with(|| (on, folder.clone()));
+        let on = Measured::new(&summary, &config);
+        let (first, other) = measured.entry(dataset.clone()).or_insert_with(|| (on.clone(), folder.clone()));
         if *first != on {
-            let of = |[views, width, height]: [usize; 3]| format!("{views} views of {width}x{height}");
-            let problem = format!("measured on {}, but {} on {}", of(on), other.display(), of(*first));
+            let problem = format!("measured on {on}, but {} on {first}", other.display());
             let hint = format!("evaluate both in the same way with `volseggs eval {}`", shell::path(folder));
             return Err(RunError::Folder { path: folder.clone(), problem: format!("{problem}; {hint}") });
         }
@@ -164,6 +168,30 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
         outcomes,
         paper: None,
     })
+}
+
+/// What a run was measured on.
+#[derive(Clone, PartialEq)]
+struct Measured {
+    views: usize,
+    size: [u32; 2],
+    /// `data.only_times`, which selects the views; empty for all times.
+    times: String,
+}
+
+impl Measured {
+    fn new(summary: &Summary, config: &Table) -> Self {
+        let times = config.get("data").and_then(|data| data.get("only_times")).and_then(|times| times.as_array());
+        let times: Vec<String> = times.into_iter().flatten().map(ToString::to_string).collect();
+        Self { views: summary.views, size: [summary.width, summary.height], times: times.join(", ") }
+    }
+}
+
+impl Display for Measured {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} views of {}x{}", self.views, self.size[0], self.size[1])?;
+        if self.times.is_empty() { Ok(()) } else { write!(f, " at data.only_times = {}", self.times) }
+    }
 }
 
 /// Reads a JSON file of a run; `hint` says how to get it.
@@ -223,22 +251,53 @@ mod tests {
         assert!(damaged.contains("run.json") && damaged.matches(&name).count() == 1, "{damaged}");
     }
 
+    /// Writes a run that was evaluated at step `steps`.
+    fn write(folder: &Path, record: &RunRecord, config: &str, steps: usize) {
+        let run = RunPaths(folder);
+        std::fs::create_dir_all(run.eval().join("test")).unwrap();
+        std::fs::write(run.record(), serde_json::to_vec(record).unwrap()).unwrap();
+        std::fs::write(run.config(), config).unwrap();
+        let summary = serde_json::json!({
+            "split": "test", "views": 2, "psnr": 30.0, "ssim": 0.9, "ssim_gray": 0.9, "lpips_alex": null,
+            "lpips_vgg": null, "fps": 9.0, "fps_frames": 4, "fps_with_copy": 8.0, "training_seconds": 1.0,
+            "steps": steps, "model_bytes": 1, "gaussians": 1, "width": 4, "height": 4,
+            "background": [1.0, 1.0, 1.0], "notes": []
+        });
+        std::fs::write(run.eval().join("test/mean.json"), summary.to_string()).unwrap();
+    }
+
+    #[test]
+    fn a_folder_prepared_several_times_is_several_datasets() {
+        let dir = tempfile::tempdir().unwrap();
+        let folders: Vec<PathBuf> = ["a", "b", "c"].map(|name| dir.path().join(name)).to_vec();
+        for (seed, folder) in folders.iter().enumerate() {
+            let (dataset, fingerprint) = (PathBuf::from("/d/mine"), format!("print-{seed}"));
+            let record = RunRecord { dataset, fingerprint, seed: seed as u64, ..RunRecord::default() };
+            write(folder, &record, "", 0);
+        }
+        let set = from_folders(&folders, &[]).unwrap();
+        let names: Vec<&str> = set.outcomes.iter().map(|o| o.dataset.as_str()).collect();
+        assert_eq!(names, ["mine", "/d/mine", "/d/mine (print-2)"]);
+    }
+
+    #[test]
+    fn runs_measured_at_different_times_are_refused() {
+        let dir = tempfile::tempdir().unwrap();
+        let [early, late] = ["early", "late"].map(|name| dir.path().join(name));
+        write(&early, &RunRecord::default(), "[data]\nonly_times = [0.2]", 0);
+        write(&late, &RunRecord { seed: 1, ..RunRecord::default() }, "[data]\nonly_times = [0.8]", 0);
+        let message = from_folders(&[early.clone(), late], &[]).unwrap_err().to_string();
+        for words in ["only_times = 0.2", "only_times = 0.8", "early", "late"] {
+            assert!(message.contains(words), "{message}");
+        }
+        assert!(from_folders(&[early], &[]).is_ok());
+    }
+
     #[test]
     fn an_evaluation_of_another_step_is_refused() {
         let dir = tempfile::tempdir().unwrap();
-        let run = RunPaths(dir.path());
-        let record = RunRecord { steps: 7, ..RunRecord::default() };
-        std::fs::write(run.record(), serde_json::to_vec(&record).unwrap()).unwrap();
-        std::fs::write(run.config(), "").unwrap();
-        std::fs::create_dir_all(run.eval().join("test")).unwrap();
         let evaluated_at = |steps: usize| {
-            let summary = serde_json::json!({
-                "split": "test", "views": 2, "psnr": 30.0, "ssim": 0.9, "ssim_gray": 0.9, "lpips_alex": null,
-                "lpips_vgg": null, "fps": 9.0, "fps_frames": 4, "fps_with_copy": 8.0, "training_seconds": 1.0,
-                "steps": steps, "model_bytes": 1, "gaussians": 1, "width": 4, "height": 4,
-                "background": [1.0, 1.0, 1.0], "notes": []
-            });
-            std::fs::write(run.eval().join("test/mean.json"), summary.to_string()).unwrap();
+            write(dir.path(), &RunRecord { steps: 7, ..RunRecord::default() }, "", steps);
             from_folders(&[dir.path().to_owned()], &[])
         };
         assert_eq!(evaluated_at(7).unwrap().outcomes.len(), 1);

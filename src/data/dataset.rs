@@ -9,6 +9,7 @@ use super::camera::Camera;
 use super::error::DataError;
 use super::images::{ImageSet, common_size, downscaled_size, image_error};
 use super::transforms::{Transforms, read_text};
+use crate::files::read_regular;
 
 /// The splits a dataset may have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -291,7 +292,7 @@ fn check_aspect(json: &Transforms, (width, height): (u32, u32)) -> Result<(), Da
 }
 
 /// 16 hexadecimal digits that identify what runs are measured on: as [`Dataset::fingerprint`], but of the test views
-/// and the text of the segments' ground truth, if there is any.
+/// and the segments' ground truth, if there is any: its text and its volumes.
 ///
 /// # Errors
 /// Test views that are missing or cannot be read.
@@ -302,7 +303,15 @@ pub fn measured_fingerprint(root: &Path) -> Result<String, DataError> {
     let images: Vec<PathBuf> = json.frames.iter().map(|f| f.image_path(root)).collect();
     let views = fingerprint(&path, text.as_bytes(), &images, 1)?;
     let truth = read_text(&root.join(super::truth::FILE)).unwrap_or_default();
-    Ok(format!("{:016x}", fnv1a(views, truth.as_bytes())))
+    let mut hash = fnv1a(views, truth.as_bytes());
+    // the text only names them; what cannot be read is reported where it is used
+    for volume in super::Truth::read(root).map(|truth| truth.file.volumes).unwrap_or_default() {
+        hash = fnv1a(
+            hash,
+            &read_regular(&root.join(volume.file.strip_prefix("./").unwrap_or(&volume.file))).unwrap_or_default(),
+        );
+    }
+    Ok(format!("{hash:016x}"))
 }
 
 fn fingerprint(json: &Path, text: &[u8], images: &[PathBuf], downscale: u32) -> Result<u64, DataError> {

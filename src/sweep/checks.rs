@@ -6,10 +6,10 @@ use super::file::{HalvingSpec, SweepFile};
 use super::key::is_key;
 use super::plan::{Plan, PlanOptions};
 use super::result::{OF_BOTH, OF_RUNS, OF_SEGMENTS};
-use crate::config::types::Config;
+use crate::config::types::{Config, DataConfig};
 use crate::device::DeviceName;
 use crate::nesting::check_toml;
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use toml::Table;
 
@@ -38,6 +38,26 @@ pub(super) fn check_lists(file: &SweepFile, seeds: &[u64], path: &Path, elsewher
     }
     if file.eval.views == Some(0) {
         return Err(bad("eval.views", "must be at least 1; omit the key to use all views".into()));
+    }
+    Ok(())
+}
+
+/// Refuses runs on one dataset that would be measured on different test views, or on images of different sizes: their
+/// means could not be compared.
+pub(super) fn check_views(plan: &Plan) -> Result<(), String> {
+    let mut first: HashMap<&str, (DataConfig, &str)> = HashMap::new();
+    for run in &plan.runs {
+        let data = toml::from_str::<Config>(&run.config).map_err(|e| e.to_string())?.data;
+        let (known, other) = first.entry(&run.dataset).or_insert_with(|| (data.clone(), &run.label));
+        if (&known.only_times, known.downscale) != (&data.only_times, data.downscale) {
+            let on = |d: &DataConfig| format!("data.only_times = {:?}, data.downscale = {}", d.only_times, d.downscale);
+            return Err(format!(
+                "\"{}\" has {}, \"{other}\" has {}: they would be measured on different images; make a sweep for each",
+                run.label,
+                on(&data),
+                on(known)
+            ));
+        }
     }
     Ok(())
 }

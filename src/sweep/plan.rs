@@ -5,7 +5,9 @@
 
 use super::SweepError;
 use super::axes::{Variant, all_seeds, check_count, variants};
-use super::checks::{baseline, check_halving, check_lists, check_metrics, check_paper, check_plan, check_seed_keys};
+use super::checks::{
+    baseline, check_halving, check_lists, check_metrics, check_paper, check_plan, check_seed_keys, check_views,
+};
 use super::contents::Contents;
 use super::datasets::{DataPlan, check_truth, datasets, fingerprint};
 use super::file::{EvalSpec, HalvingSpec, SweepFile, name_of};
@@ -201,6 +203,7 @@ impl Plan {
         }
         let has_segments = plan.entries.iter().any(|e| e.segments.is_some());
         check_metrics(&plan).map_err(|e| bad("metrics", e))?;
+        check_views(&plan).map_err(|e| bad("data", e))?;
         if has_segments {
             check_truth(&plan.datasets, path)?;
         }

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::config::types::Config;
+use crate::data::truth::{SegmentFile, VolumeEntry};
 use crate::sweep::result::{metrics_path, segments_path};
 
 const DATA: &str = "[data]\njets = { synthetic = 'jets', size = 40, times = 3, views = 4, test_views = 5 }\n";
@@ -101,6 +102,9 @@ fn invalid_sweeps_are_errors_that_name_the_cause() {
         ("[halving]\nrungs = [900, 300]", "ascending"),
         ("[halving]\nrungs = [300]\nkeep = 2", "keep"),
         ("set = { 'output.eval_every' = 0 }\n[halving]\nrungs = [300]", "eval_every"),
+        ("[[variant]]\nname='x'\n[[variant]]\nname='s'\nconfig='static'", "data.only_times = [0.5]"),
+        ("[[variant]]\nname='x'\n[[variant]]\nname='h'\nset={'data.downscale'=2}", "data.downscale = 2"),
+        ("[segments]\nsam_points = 16", "segments.sam_points: applies to masks = \"sam\""),
         ("[eval]\nviews = 0", "eval.views"),
         ("[eval]\nlpips_weights = ['nothing.safetensors']", "nothing.safetensors"),
         ("[segments]\nmethod = 'guess'", "guess"),
@@ -286,6 +290,23 @@ fn changed_test_views_or_ground_truth_are_measured_again_without_training() {
         assert_eq!(now.0, before.0, "nothing is trained again");
         assert!(now.1 != last.1 && now.2 != last.2, "{name}");
     }
+    // volumes, which segments.json only names
+    let file = SegmentFile {
+        source: "labels".into(),
+        mask_alpha: 0.05,
+        camera_angle_x: 0.5,
+        size: [8, 8],
+        label_images: Vec::new(),
+        segments: Vec::new(),
+        volumes: vec![VolumeEntry { time: 0.0, file: "./volume.safetensors".into() }],
+        lineage: Vec::new(),
+    };
+    std::fs::write(data.path().join(crate::data::truth::FILE), serde_json::to_vec(&file).unwrap()).unwrap();
+    let [one, two] = ["one", "two"].map(|content| {
+        std::fs::write(data.path().join("volume.safetensors"), content).unwrap();
+        places()
+    });
+    assert!(one.0 == two.0 && one.1 != two.1 && one.2 != two.2);
 }
 
 #[test]

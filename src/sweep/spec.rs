@@ -180,6 +180,7 @@ impl SegmentSpec {
         };
         of("mask_dir", self.mask_dir.is_some(), "dir")?;
         of("sam_weights", self.sam_weights.is_some(), "sam")?;
+        of("sam_points", self.sam_points != SAM_POINTS, "sam")?;
         match self.masks.as_str() {
             "regions" => Ok(MaskKind::Regions),
             "labels" => Ok(MaskKind::Labels),

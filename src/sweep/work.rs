@@ -152,8 +152,20 @@ impl Worker<'_> {
         device: &Device,
         stop_after: Option<usize>,
     ) -> Result<Option<Ended>, Failure> {
-        if self.record().is_ok_and(|r| r.status == "complete") && checkpoint::newest_scene(self.folder).is_some() {
-            return Ok(None);
+        if let Ok(record) = self.record()
+            && record.status == "complete"
+            && checkpoint::newest_scene(self.folder).is_some()
+        {
+            // a time limit may end a run earlier, but only `train --resume` takes it further
+            return match record.steps > self.run.steps {
+                false => Ok(None),
+                true => Err(failed("train")(format!(
+                    "{}: was trained on to step {}, the sweep's runs to step {}; move the folder away to train it again",
+                    self.folder.display(),
+                    record.steps,
+                    self.run.steps
+                ))),
+            };
         }
         let dataset = open_dataset(data, config).map_err(failed("data"))?;
         let options = RunOptions {

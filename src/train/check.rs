@@ -263,12 +263,18 @@ fn check_budget(config: &Config) -> Result<(), TrainError> {
 fn check_resets(config: &Config) -> Result<(), TrainError> {
     let (densify, warmup) = (&config.densify, config.stages.warmup_steps);
     let reset = densify.opacity_reset;
+    let steps = warmup + config.stages.joint_steps;
     let text = if densify.opacity_reset_joint && reset == 0 {
         "densify.opacity_reset_joint = true: has an effect only with densify.opacity_reset; set that as well".to_owned()
     } else if !densify.opacity_reset_joint && reset > warmup {
         format!(
             "densify.opacity_reset = {reset}: never comes, as warm-up ends after stages.warmup_steps = {warmup}; set \
              densify.opacity_reset_joint to true, or densify.opacity_reset to 0"
+        )
+    } else if reset > 0 && reset >= steps {
+        format!(
+            "densify.opacity_reset = {reset}: never comes, as the run ends after {steps} steps, and none is made at its \
+             end; set it below that, or to 0"
         )
     } else {
         return Ok(());
@@ -331,7 +337,7 @@ mod tests {
     fn invalid_values_are_named_with_the_values_allowed() {
         check(&Config::default()).unwrap();
         type Edit = fn(&mut Config);
-        let cases: [(Edit, [&str; 2]); 32] = [
+        let cases: [(Edit, [&str; 2]); 34] = [
             (|c| c.optim.warmup_decay_steps = 0, ["optim.warmup_decay_steps = 0", "at least 1"]),
             (|c| c.data.only_times = vec![0.5, 1.5], ["data.only_times: 1.5", "between 0 and 1"]),
             (|c| c.data.only_times = vec![-0.5], ["data.only_times = -0.5", "0 or above"]),
@@ -347,6 +353,17 @@ mod tests {
             ),
             (|c| (c.stages.joint_steps, c.loss.fade) = (0, 0.1), ["loss.fade = 0.1", "stages.joint_steps = 0"]),
             (|c| c.densify.opacity_reset = 3000, ["densify.opacity_reset = 3000", "stages.warmup_steps = 500"]),
+            (
+                |c| (c.stages.warmup_steps, c.stages.joint_steps, c.densify.opacity_reset) = (3000, 0, 3000),
+                ["densify.opacity_reset = 3000", "after 3000 steps"],
+            ),
+            (
+                |c| {
+                    (c.stages.warmup_steps, c.stages.joint_steps) = (500, 2000);
+                    (c.densify.opacity_reset, c.densify.opacity_reset_joint) = (3000, true);
+                },
+                ["densify.opacity_reset = 3000", "after 2500 steps"],
+            ),
             (|c| c.densify.opacity_reset_joint = true, ["opacity_reset_joint = true", "set that as well"]),
             (|c| c.densify.mode = DensifyMode::Off, ["densify.budget = 150000", "densify.mode = \"off\""]),
             (

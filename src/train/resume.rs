@@ -15,7 +15,7 @@ use toml::{Table, Value};
 const LENGTH: &str = "stages.joint_steps";
 
 /// Key of the moving average.
-const AVERAGE: &str = "optim.average";
+pub(super) const AVERAGE: &str = "optim.average";
 
 /// Key of the encoder, and prefix of the keys that only the implicit encoder reads: their defaults have changed.
 const ENCODER: &str = "model.encoder";

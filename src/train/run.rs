@@ -3,7 +3,7 @@
 use super::checkpoint::{self, CheckpointError, State};
 use super::logs::{line, log_events, message};
 use super::observer::{Moment, Observer, wait_for};
-use super::resume::Change;
+use super::resume::{AVERAGE, Change};
 use super::{TrainError, Training};
 use crate::config::types::{Config, VOLSEGGS};
 use crate::data::{Dataset, Split};
@@ -217,6 +217,7 @@ pub fn run(
     let record_path = RunPaths(out).record();
     let build = program::build().map(|build| build.digest.clone()).unwrap_or_default();
     let earlier = newest.is_some().then(|| earlier_record(&record_path)).flatten();
+    let before = earlier.clone();
     let peak_before = earlier.as_ref().map_or(0, |record| record.peak_memory_bytes);
     let earlier_builds = earlier.map_or_else(Vec::new, |record| builds_before(record, &build));
     let first = training.steps_done();
@@ -253,7 +254,8 @@ pub fn run(
     }
     let mut metrics = JsonlWriter::open(&metrics_path)?;
     let events_path = RunPaths(out).tensorboard();
-    let events = if first == 0 {
+    // a run that died before its first checkpoint has left events too
+    let events = if first == 0 && !events_path.exists() {
         EventWriter::create(&events_path)
     } else {
         EventWriter::resume(&events_path, first as u64 + 1)
@@ -278,7 +280,8 @@ pub fn run(
     // created at the first step: an observer may print before it
     let mut bar = None;
     let on_terminal = std::io::stderr().is_terminal();
-    let mut saved = newest.is_some();
+    // another average is another scene, even if no step is left
+    let mut saved = newest.is_some() && changed.iter().all(|change| change.key != AVERAGE);
     let mut test_psnr = None;
     let mut smooth_psnr: Option<f64> = None;
     let mut report = None;
@@ -339,12 +342,20 @@ pub fn run(
     events.flush().map_err(|e| log_error(&events_path, &e))?;
     if !saved && training.steps_done() > 0 {
         save(&*training)?;
+        if training.steps_done() == first {
+            errln!("note: the scene of step {first} has changed with {AVERAGE}; evaluate it again");
+        }
     }
     record.status = if complete { "complete" } else { "interrupted" }.into();
     record.steps = training.steps_done();
     record.training_seconds = seconds();
     record.gaussians = training.model().counts().primitives;
     record.peak_memory_bytes = peak_memory().max(peak_before);
+    if let Some(before) = before.filter(|_| record.steps == first) {
+        // nothing was trained: build, device and threads stay those of the steps
+        let RunRecord { status, dataset, .. } = record;
+        record = RunRecord { status, dataset, steps: first, ..before };
+    }
     write_record(&record)?;
     Ok(RunOutcome { record, complete, test_psnr, changed })
 }

@@ -56,6 +56,21 @@ fn a_trained_run_can_be_lengthened_but_not_shortened_or_changed() {
     assert_eq!((&record["status"], &record["steps"]), (&"complete".into(), &80.into()));
 }
 
+#[test]
+fn another_average_of_a_finished_run_is_its_scene() {
+    let root = dataset();
+    let (run, raw) = (root.path().join("run"), root.path().join("raw"));
+    let more = ["stages.joint_steps=200", "densify.mode=off", "densify.budget=300"];
+    train(root.path(), "run", &[&more[..], &["optim.average=20"]].concat()).assert().success();
+    train(root.path(), "raw", &[&more[..], &["optim.average=0"]].concat()).assert().success();
+    let scene = |run: &Path| newest_bytes(run).0;
+    assert!(scene(&run) != scene(&raw), "the average has no effect, so nothing is tested");
+    let output = resume(&run, &["--set", "optim.average=0"]).assert().success().get_output().clone();
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert!(message.contains("has changed with optim.average; evaluate it again"), "{message}");
+    assert!(scene(&run) == scene(&raw), "the average is still shown");
+}
+
 /// The keys that were added after the first runs.
 const LATER_KEYS: &[&str] = &[
     "method",

@@ -146,6 +146,22 @@ fn a_failed_run_is_recorded_and_the_others_continue() {
 }
 
 #[test]
+fn a_run_that_was_lengthened_by_hand_is_not_measured_as_the_sweeps_run() {
+    let file = sweep_file("lengthened", "");
+    let out = root().join("lengthened-out");
+    sweep(&[], &file, &out).assert().success();
+    let run = std::fs::read_dir(out.join("runs")).unwrap().next().unwrap().unwrap().path();
+    let mut longer = Command::new(BINARY);
+    longer.args(["train", "--set", "stages.joint_steps=90", "--resume"]).arg(&run).assert().success();
+    let steps = json(&run.join("run.json"))["steps"].as_u64().unwrap();
+    let text = std::fs::read_to_string(&file).unwrap();
+    std::fs::write(&file, format!("[eval]\nviews = 1\n{text}")).unwrap();
+    let said = sweep(&[], &file, &out).assert().code(1);
+    let text = String::from_utf8_lossy(&said.get_output().stderr).into_owned();
+    assert!(text.contains(&format!("was trained on to step {steps}")), "{text}");
+}
+
+#[test]
 fn a_run_that_fails_before_a_rung_fails_the_sweep() {
     let file = sweep_file(
         "wild",

@@ -104,10 +104,14 @@ fn a_stopped_and_resumed_run_equals_an_uninterrupted_one() {
     let record = json(&parts.join("run.json"));
     assert_eq!((&record["status"], &record["steps"]), (&"complete".into(), &80.into()));
 
-    // resuming with nothing left to do changes nothing
+    // resuming with nothing left to do changes nothing, not even who trained it
+    let (path, mut before) = (parts.join("run.json"), record);
+    (before["device"], before["build"]) = ("wgpu".into(), "abc".into());
+    std::fs::write(&path, before.to_string()).unwrap();
     train(root.path(), "parts", &[]).arg("--resume").assert().success();
     assert!(newest_bytes(&parts) == newest_bytes(&whole));
     assert_eq!(metrics(&parts), metrics(&whole));
+    assert_eq!(json(&path), before);
 }
 
 #[test]

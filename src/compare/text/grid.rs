@@ -41,10 +41,15 @@ impl Grid {
 /// Shown where there is no value.
 const NONE: &str = "–";
 
+/// Whether every row has the same number of runs, all of them measured.
+pub(super) fn is_complete(table: &Table) -> bool {
+    table.rows.iter().all(|row| row.done == row.outcomes() && row.done == table.rows[0].done)
+}
+
 /// Mean and deviation of each metric, and the number of runs if it differs between rows or some were not measured.
 #[must_use]
 pub fn results(table: &Table) -> Grid {
-    let complete = table.rows.iter().all(|row| row.done == row.outcomes() && row.done == table.rows[0].done);
+    let complete = is_complete(table);
     let mut head = names_head(table);
     let words = head.len();
     head.extend(table.metrics.iter().map(heading));
@@ -134,7 +139,8 @@ fn difference(metric: &Column, cell: &Cell) -> String {
     }
 }
 
-fn runs(row: &Row) -> String {
+/// How many runs of a row were measured, and why the others were not.
+pub(super) fn runs(row: &Row) -> String {
     if row.done == row.outcomes() {
         return row.done.to_string();
     }

@@ -1,6 +1,6 @@
 //! A table in LaTeX, in the form of the paper's; it needs the booktabs package.
 
-use super::grid::{names, names_head};
+use super::grid::{is_complete, names, names_head, runs};
 use crate::compare::metric::{Better, Column};
 use crate::compare::table::{Cell, Row, Table};
 
@@ -8,9 +8,11 @@ use crate::compare::table::{Cell, Row, Table};
 #[must_use]
 pub fn latex(table: &Table) -> String {
     let heads = names_head(table);
-    let columns = "l".repeat(heads.len()) + &"r".repeat(table.metrics.len());
+    let complete = is_complete(table);
+    let columns = "l".repeat(heads.len()) + &"r".repeat(table.metrics.len() + usize::from(!complete));
     let mut head: Vec<String> = heads.iter().map(|text| escape(text)).collect();
     head.extend(table.metrics.iter().map(|metric| heading(table, metric)));
+    head.extend((!complete).then(|| "runs".to_owned()));
     let groups: Vec<String> = table.groups().map(|rows| group(table, rows)).collect();
     let label: String = table.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
     let lines = [
@@ -54,28 +56,31 @@ fn heading(table: &Table, metric: &Column) -> String {
 }
 
 fn group(table: &Table, rows: &[Row]) -> String {
+    let complete = is_complete(table);
     let mut out = String::new();
     for (i, row) in rows.iter().enumerate() {
         let names = names(table, row);
         let last = names.len() - 1;
         let name = |(at, text): (usize, &str)| if i > 0 && at < last { String::new() } else { escape(text) };
         let mut cells: Vec<String> = names.iter().map(|e| e.text.as_str()).enumerate().map(name).collect();
-        cells.extend(table.metrics.iter().zip(&row.cells).map(|(metric, cell)| value(metric, cell)));
+        cells.extend(table.metrics.iter().zip(&row.cells).map(|(metric, cell)| value(metric, cell, row)));
+        cells.extend((!complete).then(|| escape(&runs(row))));
         out += &format!("    {} \\\\\n", cells.join(" & "));
     }
     out
 }
 
-fn value(metric: &Column, cell: &Cell) -> String {
+fn value(metric: &Column, cell: &Cell, row: &Row) -> String {
     let Some(mean) = cell.mean else {
         return "--".to_owned();
     };
     let mean = metric.format(mean);
     let mean = if cell.best { format!(r"\textbf{{{mean}}}") } else { mean };
-    match cell.deviation {
+    let text = match cell.deviation {
         Some(deviation) => format!(r"{mean}{{\scriptsize$\pm${}}}", metric.format(deviation)),
         None => mean,
-    }
+    };
+    if cell.n() == row.done { text } else { format!(r"{text} {{\scriptsize ($n={}$)}}", cell.n()) }
 }
 
 /// Puts text on one line and escapes what LaTeX would interpret. A star or bracket after `\\` would be its argument.

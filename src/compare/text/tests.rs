@@ -121,6 +121,18 @@ fn json_has_rows_and_can_be_read_back() {
 }
 
 #[test]
+fn latex_says_which_seeds_are_missing() {
+    let (mut set, _) = judged();
+    let text = latex(&Table::new(&set));
+    assert!(text.contains(r"{tabular}{lrrr}") && text.contains(r"& runs \\"), "{text}");
+    assert!(text.contains(r"& 3 \\") && text.contains(r"& 2 of 3 (1 failed) \\") && !text.contains("$n="), "{text}");
+    // a measured run without one of the metrics
+    set.outcomes[0].metrics.remove("lpips_vgg");
+    let text = latex(&Table::new(&set));
+    assert_eq!(text.matches(r"($n=2$)").count(), 1, "{text}");
+}
+
+#[test]
 fn latex_has_the_papers_shape() {
     let mut losses = losses();
     losses.metrics = ["psnr", "ssim", "lpips_vgg", "training_minutes"].map(str::to_owned).to_vec();
