@@ -18,8 +18,14 @@ impl Method for VolSegGs {
         true
     }
 
-    fn check(&self, _: &Config) -> Result<(), String> {
-        // its sections are checked for every method
+    fn check(&self, config: &Config) -> Result<(), String> {
+        // all else in its sections is checked for every method
+        if config.stages.joint_steps == 0 && config.loss.fade > 0.0 {
+            return Err(format!(
+                "loss.fade = {}: acts in the joint stage, which stages.joint_steps = 0 leaves out; set it to 0",
+                config.loss.fade
+            ));
+        }
         Ok(())
     }
 
@@ -33,5 +39,20 @@ impl Method for VolSegGs {
 
     fn open(&self, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError> {
         Ok(Box::new(Scene::load(path, device)?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fading_penalty_without_a_joint_stage_is_refused() {
+        let mut config = Config::default();
+        config.loss.fade = 0.1;
+        VolSegGs.check(&config).unwrap();
+        config.stages.joint_steps = 0;
+        let error = VolSegGs.check(&config).unwrap_err();
+        assert!(error.contains("loss.fade = 0.1") && error.contains("stages.joint_steps = 0"), "{error}");
     }
 }

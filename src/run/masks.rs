@@ -19,6 +19,7 @@ use crate::segment::masks::origin::{MaskKind, MaskOrigin};
 use crate::segment::masks::sheet::overlay;
 use crate::segment::masks::source::{Found, Group};
 use crate::segment::pictures::Picture;
+use crate::segment::segmentation::members_key;
 use crate::shell;
 use burn::tensor::Device;
 use image::RgbImage;
@@ -298,6 +299,13 @@ fn check_groups(run: &OpenRun, list: &Handout, groups: &[Group]) -> Result<(), R
                     group.name,
                     drawn.gaussians,
                     group.members.len()
+                )));
+            }
+            Some(drawn) if !drawn.members.is_empty() && drawn.members != members_key(&group.members) => {
+                return Err(RunError::input(format!(
+                    "{}: segment {} has other Gaussians now than when the pictures were written; {again}",
+                    path.display(),
+                    group.name
                 )));
             }
             Some(_) => {}

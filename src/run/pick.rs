@@ -14,7 +14,6 @@ use crate::segment::click::{heaviest, under};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::AffinitySpec;
 use crate::segment::levels::prepare;
-use crate::segment::masks::sheet::distinct_colour;
 use crate::segment::pick::{PickOptions, Picked, meant, pick};
 use crate::segment::propagate::propagate;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
@@ -253,7 +252,7 @@ pub fn commit(
     let members = propagate(&run.scene, members, &within, time).map_err(RunError::failure)?;
     let from_other_times = members.iter().filter(|i| picked.members.binary_search(i).is_err()).count();
     let made = Made { gaussians: members.len(), from_other_times };
-    let colour = distinct_colour(all.segments.len()).map(|c| f32::from(c) / 255.0);
+    let colour = all.free_colour();
     let origin = Origin::Pick { scale: *scale, threshold: *threshold };
     let (segment, parent) = (name.clone(), hit.within.clone());
     all.add(Segment { name: segment, parent, colour, time, origin, members }).map_err(RunError::input)?;

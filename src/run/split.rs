@@ -10,7 +10,6 @@ use crate::name::Name;
 use crate::points::PointsError;
 use crate::segment::fine::extract::{Clustering, cluster};
 use crate::segment::fine::network::FEATURES;
-use crate::segment::masks::sheet::distinct_colour;
 use crate::segment::paint::flat;
 use crate::segment::pictures::draw;
 use crate::segment::pieces::without_strays;
@@ -77,6 +76,9 @@ pub fn split(
         found => found.map_err(RunError::input)?,
     };
 
+    // edits and tracks of earlier parts must not become those of other Gaussians
+    let (edits, tracks) = (run.edits()?, run.paths().tracks());
+    let used = |name: &str| edits.names(name) || tracks.join(name).exists();
     let mut names = Vec::new();
     let mut shades = vec![None; labels.len()];
     let mut number = 1;
@@ -92,9 +94,9 @@ pub fn split(
         if members.is_empty() {
             continue;
         }
-        let (name, taken) = all.free_part(&whole.name, number).map_err(RunError::input)?;
+        let (name, taken) = all.free_part(&whole.name, number, &used).map_err(RunError::input)?;
         number = taken + 1;
-        let colour = distinct_colour(names.len()).map(|c| f32::from(c) / 255.0);
+        let colour = all.free_colour();
         for (shade, _) in shades.iter_mut().zip(&labels).filter(|(_, l)| **l == label) {
             *shade = Some(colour);
         }

@@ -53,9 +53,21 @@ pub fn pieces(at: &HostGaussians, members: &[u32], touch: Touch) -> Result<Compo
 /// # Panics
 /// If a member is not below N.
 pub fn without_strays(at: &HostGaussians, members: &[u32]) -> Result<Vec<u32>, PointsError> {
+    without_strays_but(at, members, None)
+}
+
+/// As [`without_strays`], but the piece with the Gaussian `kept` is none. `members` ascend.
+///
+/// # Errors
+/// As [`without_strays`].
+///
+/// # Panics
+/// If a member is not below N.
+pub fn without_strays_but(at: &HostGaussians, members: &[u32], kept: Option<u32>) -> Result<Vec<u32>, PointsError> {
     let found = pieces(at, members, Touch::ALL)?;
+    let own = kept.and_then(|kept| members.binary_search(&kept).ok()).map_or(0, |row| found.labels[row]);
     let most = found.weights.iter().copied().fold(0.0, f64::max);
-    let stays = |label: u32| label > 0 && found.weights[label as usize - 1] >= STRAY * most;
+    let stays = |label: u32| label > 0 && (label == own || found.weights[label as usize - 1] >= STRAY * most);
     Ok(members.iter().zip(&found.labels).filter(|(_, l)| stays(**l)).map(|(m, _)| *m).collect())
 }
 
@@ -82,6 +94,8 @@ mod tests {
         assert_eq!(without_strays(&at, &all).unwrap(), all[..40]);
         assert_eq!(without_strays(&at, &all[40..]).unwrap(), [40], "a lone Gaussian is not a stray");
         assert_eq!(without_strays(&at, &[]).unwrap(), [0u32; 0]);
+        assert_eq!(without_strays_but(&at, &all, Some(40)).unwrap(), all, "the clicked one is none");
+        assert_eq!(without_strays_but(&at, &all, Some(3)).unwrap(), all[..40]);
         at.opacity_logits[13..18].fill(-8.0);
         let parted = pieces(&at, &all, Touch::SEEN).unwrap().labels;
         assert_eq!((parted[15], parted[12] == parted[18]), (0, false), "invisible Gaussians connect nothing");

@@ -5,6 +5,7 @@ pub(super) mod file;
 
 pub use file::key as members_key;
 
+use super::masks::sheet::distinct_colour;
 use crate::name::{Name, NameError};
 use crate::tensors::{DIGEST, TensorFileError};
 use serde::{Deserialize, Serialize};
@@ -135,9 +136,9 @@ impl Segmentation {
         if self.get(name).is_ok() {
             return fail("this name is taken; remove that segment first or choose another name");
         }
-        // both are keys of the header of a tensor file
-        if [DIGEST, "__metadata__"].contains(&name.as_str()) {
-            return fail("this name is reserved by the segments file; choose another");
+        // keys of the header of a tensor file; files beside the pictures of segments
+        if [DIGEST, "__metadata__", "coarse", "masks", "pictures.json"].contains(&name.as_str()) {
+            return fail("this name is reserved for files of the run; choose another");
         }
         Ok(())
     }
@@ -213,19 +214,33 @@ impl Segmentation {
         self.remove(|s| s.parent.as_deref() == Some(whole) && matches!(s.origin, Origin::Fine { .. }));
     }
 
-    /// Returns the first of `NAME.1`, `NAME.2`, ... from `NAME.from` on that is free, and its number.
+    /// Returns the first of `NAME.1`, `NAME.2`, ... from `NAME.from` on that no segment has and that is not `used`
+    /// otherwise, and its number.
     ///
     /// # Errors
     /// If that name is too long.
-    pub fn free_part(&self, whole: &Name, from: usize) -> Result<(Name, usize), NameError> {
+    pub fn free_part(
+        &self,
+        whole: &Name,
+        from: usize,
+        used: &dyn Fn(&str) -> bool,
+    ) -> Result<(Name, usize), NameError> {
         let mut number = from;
         loop {
             let name = Name::new(format!("{whole}.{number}"))?;
-            if self.get(&name).is_err() {
+            if !used(&name) && self.segments.iter().all(|s| s.name != name) {
                 return Ok((name, number));
             }
             number += 1;
         }
+    }
+
+    /// Returns the first of a sequence of distinct colours, RGB in [0, 1], that no segment has.
+    #[must_use]
+    pub fn free_colour(&self) -> [f32; 3] {
+        let colour = |k| distinct_colour(k).map(|c| f32::from(c) / 255.0);
+        let is_free = |c: &[f32; 3]| self.segments.iter().all(|s| s.colour != *c);
+        (0..=self.segments.len()).map(colour).find(is_free).unwrap_or_else(|| colour(self.segments.len()))
     }
 
     /// Removes the segments for which `drop` holds, and their parts.
@@ -333,6 +348,18 @@ mod tests {
     }
 
     #[test]
+    fn a_new_segment_has_a_colour_of_its_own() {
+        let mut all = three();
+        for name in ["a", "b", "c"] {
+            let colour = all.free_colour();
+            all.add(Segment { colour, ..segment(name, None, &[1]) }).unwrap();
+        }
+        all.remove(|s| s.name == "b");
+        let colour = all.free_colour();
+        assert!(all.segments.iter().all(|s| s.colour != colour));
+    }
+
+    #[test]
     fn a_tree_has_each_part_below_its_whole() {
         let mut all = three();
         for (name, parent) in [("blue.1", Some("blue")), ("red.2", Some("red")), ("red.1.1", Some("red.1"))] {
@@ -363,9 +390,11 @@ mod tests {
         all.remove_parts("red");
         assert_eq!(all.segments.iter().map(|s| s.name.as_str()).collect::<Vec<_>>(), ["red", "blue", "mine", "red.2"]);
         let red = Name::new("red").unwrap();
-        assert_eq!(all.free_part(&red, 1).unwrap(), (Name::new("red.1").unwrap(), 1));
-        assert_eq!(all.free_part(&red, 2).unwrap().1, 3, "red.2 is taken");
-        assert!(all.free_part(&Name::new("x".repeat(99)).unwrap(), 1).is_err());
+        let part = |name: &Name, from, used: &str| all.free_part(name, from, &|part| part == used);
+        assert_eq!(part(&red, 1, "").unwrap(), (Name::new("red.1").unwrap(), 1));
+        assert_eq!(part(&red, 2, "").unwrap().1, 3, "red.2 is taken");
+        assert_eq!(part(&red, 2, "red.3").unwrap().1, 4, "red.3 is used");
+        assert!(part(&Name::new("x".repeat(99)).unwrap(), 1, "").is_err());
     }
 
     #[test]
@@ -376,7 +405,14 @@ mod tests {
         assert_eq!(parents, [("core", None), ("red.1", Some("core")), ("blue", None)]);
         assert_eq!(all.get("core").unwrap().members, [1, 3, 5]);
         let before = all.clone();
-        for (old, new) in [("red", "x"), ("core", "blue"), ("core", "core"), ("blue", DIGEST)] {
+        for (old, new) in [
+            ("red", "x"),
+            ("core", "blue"),
+            ("core", "core"),
+            ("blue", DIGEST),
+            ("blue", "coarse"),
+            ("blue", "pictures.json"),
+        ] {
             all.rename(old, &Name::new(new).unwrap()).unwrap_err();
         }
         assert_eq!(all, before);

@@ -145,12 +145,6 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
             config.speed.cull_visits
         ));
     }
-    if config.stages.joint_steps == 0 && config.loss.fade > 0.0 {
-        return bad(format!(
-            "loss.fade = {}: acts in the joint stage, which stages.joint_steps = 0 leaves out; set it to 0",
-            config.loss.fade
-        ));
-    }
     if config.loss.fade > 0.0 && !config.model.deform_opacity {
         return bad(format!("loss.fade = {}: nothing fades with model.deform_opacity = false", config.loss.fade));
     }

@@ -189,8 +189,14 @@ fn masks_of_another_program_are_imported() {
     refused_and_unchanged(root, &dir, &["view-009.png", "fits no view"]);
     // other Gaussians under the old names
     let list = pictures.join("pictures.json");
-    let mut changed = json(&list);
+    let list_before = json(&list);
+    let mut changed = list_before.clone();
     changed["groups"][0]["gaussians"] = 1.into();
     std::fs::write(&list, changed.to_string()).unwrap();
     refused_and_unchanged(root, &dir, &["had 1 Gaussians", "--pictures"]);
+    // as many others
+    let mut changed = list_before.clone();
+    changed["groups"][0]["members"] = "0".into();
+    std::fs::write(&list, changed.to_string()).unwrap();
+    refused_and_unchanged(root, &dir, &["has other Gaussians now", "--pictures"]);
 }

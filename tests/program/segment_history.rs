@@ -170,6 +170,10 @@ fn a_split_keeps_segments_that_the_user_made() {
     segment(root, &["group", "run", &part(1), "mine"]);
     assert_eq!(split(&["--clusters", "2"]), [part(2), part(3)]);
     assert!(listed(root).contains(&part(1)));
+    // so are names that edits of earlier parts use, undone ones too: they are of other Gaussians
+    run_json(root, &["edit", "hide", "run", "--segment", &part(2)]);
+    run_json(root, &["edit", "undo", "run"]);
+    assert_eq!(split(&["--clusters", "2"]), [part(3), part(4)]);
 }
 
 #[test]

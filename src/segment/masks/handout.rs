@@ -5,6 +5,7 @@ use super::store::StoreError;
 use crate::data::Camera;
 use crate::files::read_regular;
 use crate::segment::pictures::draw;
+use crate::segment::segmentation::members_key;
 use image::{ImageFormat, RgbImage};
 use serde::{Deserialize, Serialize};
 use std::io::Cursor;
@@ -36,6 +37,9 @@ pub struct HandoutGroup {
     pub name: String,
     /// Its number of Gaussians, to detect that the group has changed.
     pub gaussians: usize,
+    /// Key of its Gaussians, see [`members_key`]; empty in lists of earlier versions.
+    #[serde(default)]
+    pub members: String,
 }
 
 /// Why pictures cannot be written.
@@ -80,7 +84,11 @@ pub fn write_pictures(
             }
         }
     }
-    let groups = job.groups.iter().map(|g| HandoutGroup { name: g.name.clone(), gaussians: g.members.len() });
+    let groups = job.groups.iter().map(|g| HandoutGroup {
+        name: g.name.clone(),
+        gaussians: g.members.len(),
+        members: members_key(&g.members),
+    });
     let list = Handout { scene: scene.to_owned(), time: job.time, groups: groups.collect(), views: job.shots.to_vec() };
     let path = folder.join(FILE);
     let json = serde_json::to_vec_pretty(&list).map_err(|e| StoreError::field(&path, "list", e))?;
@@ -129,7 +137,7 @@ mod tests {
         let good = Handout {
             scene: "abc".into(),
             time: 0.5,
-            groups: vec![HandoutGroup { name: "red".into(), gaussians: 3 }],
+            groups: vec![HandoutGroup { name: "red".into(), gaussians: 3, members: String::new() }],
             views: Shot::numbered(vec![camera.clone()]),
         };
         let read = |list: &Handout| {
