@@ -172,7 +172,7 @@ fn pictures() {
         let list = Handout {
             scene: "0123456789abcdef".into(),
             time: 0.5,
-            groups: vec![handout::HandoutGroup { name: "red".into(), gaussians: 7 }],
+            groups: vec![handout::HandoutGroup { name: "red".into(), gaussians: 7, members: String::new() }],
             views: volseggs::segment::masks::make::Shot::numbered(cameras),
         };
         let (path, scratch) = (scratch.path(handout::FILE), scratch.clone());
