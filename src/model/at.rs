@@ -62,25 +62,24 @@ impl Scene {
         }
     }
 
-    /// Opacities `[N]` of the Gaussians marked in `asked` `[N]`, each at the first of eleven evenly spaced times,
-    /// distant times first, at which it is at least `min_opacity`; 0 if there is none. Unmarked Gaussians are 0 and
-    /// cost nothing; a Gaussian already found is not evaluated again.
+    /// Opacities `[N]` of the Gaussians marked in `asked` `[N]`, each at the first of the times looked at for which it is
+    /// at least `min_opacity`; 0 if there is none. These are eleven evenly spaced times, distant ones first, then the
+    /// knots of the field, between which an opacity can hardly rise and fall. Unmarked Gaussians are 0 and cost nothing;
+    /// a Gaussian already found is not evaluated again.
     ///
     /// # Panics
     /// If `asked` is not of length N.
     #[must_use]
     pub fn opacity_at_other_times(&self, asked: &[bool], min_opacity: f32) -> Vec<f32> {
-        // far apart first, so that few soon remain open
-        const TENTHS: [u8; 11] = [0, 10, 3, 7, 5, 1, 9, 2, 8, 4, 6];
         assert_eq!(asked.len(), self.gaussians.count(), "asked: [N]");
         let all = self.without_colour();
         let mut open: Vec<u32> = (0..asked.len() as u32).filter(|&i| asked[i as usize]).collect();
         let mut seen = vec![0.0; asked.len()];
-        for &tenths in if self.opacity_changes() { &TENTHS[..] } else { &TENTHS[..1] } {
+        for time in if self.opacity_changes() { looked_at(self.spec.model.time_knots) } else { vec![0.0] } {
             if open.is_empty() {
                 break;
             }
-            let at = self.rows(&all, &open).inputs(f32::from(tenths) / 10.0).opacity_logits;
+            let at = self.rows(&all, &open).inputs(time).opacity_logits;
             let mut now = to_vec(at).into_iter().map(sigmoid);
             open.retain(|&i| {
                 let found = now.next().filter(|opacity| *opacity >= min_opacity);
@@ -98,6 +97,15 @@ impl Scene {
     }
 }
 
+/// Returns eleven evenly spaced times, then the times of `knots` knots, at most 101.
+fn looked_at(knots: usize) -> Vec<f32> {
+    // far apart first, so that few Gaussians soon remain open
+    const TENTHS: [u8; 11] = [0, 10, 3, 7, 5, 1, 9, 2, 8, 4, 6];
+    let last = knots.saturating_sub(1).min(100);
+    let between = (1..last).map(|k| k as f32 / last as f32);
+    TENTHS.into_iter().map(|tenths| f32::from(tenths) / 10.0).chain(between).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::SceneSpec;
@@ -105,6 +113,16 @@ mod tests {
     use super::*;
     use crate::config::types::Config;
     use crate::device::DeviceName;
+
+    #[test]
+    fn every_knot_is_looked_at() {
+        for knots in [0, 1, 2, 3, 25, 101, 5000] {
+            let times = looked_at(knots);
+            assert!(times.len() <= 11 + 99 && times.iter().all(|t| (0.0..=1.0).contains(t)), "{knots}");
+            let last = knots.clamp(2, 101) - 1;
+            assert!((0..=last).all(|k| times.contains(&(k as f32 / last as f32))), "{knots}");
+        }
+    }
 
     #[test]
     fn some_gaussians_are_as_in_the_whole_scene_and_seen_if_they_are_at_any_time() {

@@ -123,9 +123,10 @@ impl MaskPlan {
         let (origin, shots) = match (request.kind, handout) {
             (MaskKind::Dir(path), Some(list)) => {
                 time = list.time;
-                (MaskOrigin::Dir(path.clone()), list.views)
+                let others = list.groups.into_iter().map(|g| g.name).filter(|name| !names.contains(name)).collect();
+                (MaskOrigin::Dir { path: path.clone(), others }, list.views)
             }
-            (MaskKind::Dir(path), None) => around(MaskOrigin::Dir(path.clone()))?,
+            (MaskKind::Dir(path), None) => around(MaskOrigin::Dir { path: path.clone(), others: Vec::new() })?,
             (MaskKind::Labels, _) => {
                 let (truth, views) = labels(run, request, time)?;
                 let found = views.first().map_or(time, |v| v.time);

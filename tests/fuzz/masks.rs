@@ -97,7 +97,7 @@ fn picture() -> Picture {
 /// Opens masks of other programs for two views of two groups, and requests all of them; returns their number.
 fn foreign(path: &Path) -> Option<usize> {
     let (groups, views) = (["a", "b"].map(str::to_owned), ["view-000.png", "view-001.png"].map(str::to_owned));
-    let source = accepted(Foreign::open(path, &groups, &views, 4, 2))?;
+    let source = accepted(Foreign::open(path, &groups, &[], &views, [4, 2]))?;
     let mut count = 0;
     let picture = picture();
     for (group, view) in [(0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (0, 2)] {

@@ -34,7 +34,7 @@ fn read(kind: &str, path: &Path) {
         "transforms" => drop(Transforms::read(path).map_err(|e| e.to_string())),
         "edits" => drop(EditStack::load(path).map_err(|e| e.to_string())),
         "masks" => drop(MaskReader::open(path).map_err(|e| e.to_string())),
-        "coco" => drop(Foreign::open(path, &["a".into()], &["b".into()], 4, 2).map_err(|e| e.to_string())),
+        "coco" => drop(Foreign::open(path, &["a".into()], &[], &["b".into()], [4, 2]).map_err(|e| e.to_string())),
         other => panic!("no reader {other}"),
     }
 }

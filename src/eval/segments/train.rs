@@ -192,7 +192,7 @@ impl Trainers<'_> {
             MaskKind::Labels => {
                 MaskOrigin::Labels(self.truth.clone(), self.views.iter().map(|v| v.view.clone()).collect())
             }
-            MaskKind::Dir(path) => MaskOrigin::Dir(path.clone()),
+            MaskKind::Dir(path) => MaskOrigin::Dir { path: path.clone(), others: Vec::new() },
             MaskKind::Sam { weights, points } => MaskOrigin::Sam { weights: weights.clone(), points: *points },
         }
     }

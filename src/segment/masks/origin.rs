@@ -55,8 +55,13 @@ pub enum MaskOrigin {
     Regions(RegionOptions),
     /// The dataset's label images of these views, which are those of the job's shots, in the same order.
     Labels(Truth, Vec<LabelledView>),
-    /// A folder `GROUP/VIEW_NUMBER.png`, or a COCO file, of another program.
-    Dir(PathBuf),
+    /// Masks of another program.
+    Dir {
+        /// A folder `GROUP/VIEW_NUMBER.png`, or a COCO file.
+        path: PathBuf,
+        /// Groups that it may know besides those of the job; their masks are skipped.
+        others: Vec<String>,
+    },
     /// MobileSAM.
     Sam {
         /// The file of weights.
@@ -86,11 +91,11 @@ impl MaskOrigin {
         Ok(match self {
             Self::Regions(options) => Box::new(Regions::new(job.rendering.background, options.clone())),
             Self::Labels(truth, views) => Box::new(Labels::new(truth.clone(), views.clone())),
-            Self::Dir(path) => {
+            Self::Dir { path, others } => {
                 let groups: Vec<String> = job.groups.iter().map(|g| g.name.clone()).collect();
                 let views: Vec<String> = job.shots.iter().map(|s| format!("{}.png", s.file)).collect();
                 let size = job.shots.first().map_or((0, 0), |s| (s.camera.width, s.camera.height));
-                Box::new(Foreign::open(path, &groups, &views, size.0, size.1)?)
+                Box::new(Foreign::open(path, &groups, others, &views, [size.0, size.1])?)
             }
             Self::Sam { weights, points } => Box::new(SamSource::load(weights, *points, job.device)?),
         })

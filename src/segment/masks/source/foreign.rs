@@ -25,12 +25,20 @@ enum Masks {
 impl Foreign {
     /// Opens `path`: a COCO file, whose images are called `GROUP/VIEW.png`, or a folder that contains one of PNGs for
     /// each group, see [`PngFolder`]. For a single group, the folder itself may hold the PNGs and COCO names may omit
-    /// the group. Extensions of file names are ignored; all pictures are `width` by `height` pixels.
+    /// the group. Pictures of the groups `others` are skipped. Extensions of file names are ignored; all pictures are
+    /// `size` (width, height) pixels.
     ///
     /// # Errors
     /// As [`PngFolder::open`] and [`CocoFile::open`]; [`StoreError::Field`] where a group's folder is missing, an image
     /// is not one of the pictures or is of another size, and where there is nothing for any picture.
-    pub fn open(path: &Path, groups: &[String], views: &[String], width: u32, height: u32) -> Result<Self, StoreError> {
+    pub fn open(
+        path: &Path,
+        groups: &[String],
+        others: &[String],
+        views: &[String],
+        size: [u32; 2],
+    ) -> Result<Self, StoreError> {
+        let [width, height] = size;
         let name = format!("dir {}", path.file_name().unwrap_or_default().to_string_lossy());
         let masks = if path.is_dir() {
             let mut folders = Vec::new();
@@ -51,7 +59,7 @@ impl Foreign {
             Masks::Folders(folders)
         } else {
             let file = CocoFile::open(path)?;
-            let places = places(path, &file, groups, views, [width, height])?;
+            let places = places(path, &file, [groups, others], views, size)?;
             Masks::Coco(file, places)
         };
         Ok(Self { name, masks })
@@ -62,7 +70,7 @@ impl Foreign {
 fn places(
     path: &Path,
     file: &CocoFile,
-    groups: &[String],
+    [groups, others]: [&[String]; 2],
     views: &[String],
     size: [u32; 2],
 ) -> Result<HashMap<(usize, usize), usize>, StoreError> {
@@ -72,7 +80,11 @@ fn places(
             |field: &str, problem: String| Err(StoreError::field(path, format!("images[{index}].{field}"), problem));
         let name = Path::new(&image.file_name);
         let folder = name.parent().and_then(Path::file_name);
-        let named = groups.iter().position(|g| folder.is_some_and(|f| f == g.as_str()));
+        let is_in = |g: &String| folder.is_some_and(|f| f == g.as_str());
+        if others.iter().any(is_in) {
+            continue;
+        }
+        let named = groups.iter().position(is_in);
         let group = named.or((groups.len() == 1).then_some(0));
         let view = views.iter().position(|v| Path::new(v).file_stem() == name.file_stem());
         let (Some(group), Some(view)) = (group, view) else {
@@ -92,7 +104,8 @@ fn places(
         }
     }
     if places.is_empty() {
-        return Err(StoreError::field(path, "images", "is empty; list the pictures as GROUP/VIEW.png"));
+        let problem = format!("none is of {}; list the pictures as GROUP/VIEW.png", groups.join(", "));
+        return Err(StoreError::field(path, "images", problem));
     }
     Ok(places)
 }
@@ -140,7 +153,7 @@ mod tests {
 
     fn open(path: &Path, groups: &[&str]) -> Result<Foreign, StoreError> {
         let groups: Vec<String> = groups.iter().map(|g| (*g).to_owned()).collect();
-        Foreign::open(path, &groups, &["view-000".into(), "view-001".into()], 4, 2)
+        Foreign::open(path, &groups, &["other".into()], &["view-000".into(), "view-001".into()], [4, 2])
     }
 
     #[test]
@@ -174,8 +187,15 @@ mod tests {
         write("pictures/b/view-001.jpg", 4);
         let both = open(&path, &["a", "b"]).unwrap();
         assert_eq!((areas(&both, 1, 1), areas(&both, 0, 1)), (vec![3], vec![]));
-        write("view-000.png", 4);
-        assert_eq!(areas(&open(&path, &["a"]).unwrap(), 0, 0), [3]);
+        for name in ["view-000.png", "images/view-000.png"] {
+            write(name, 4);
+            assert_eq!(areas(&open(&path, &["a"]).unwrap(), 0, 0), [3]);
+        }
+        write("pictures/other/view-000.png", 4);
+        for groups in [&["a"][..], &["a", "b"]] {
+            let error = open(&path, groups).unwrap_err().to_string();
+            assert!(error.contains(&format!("none is of {}", groups.join(", "))), "{error}");
+        }
         for (name, width, words) in [
             ("view-000.png", 4, "not one of the pictures"),
             ("a/x.png", 4, "not one of"),
