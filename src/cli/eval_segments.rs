@@ -152,7 +152,7 @@ impl SegmentFlags {
         }
         let options = self.options(masks);
         if let Some(folder) = &self.mask_pictures {
-            return write_pictures(run, &truth, &options, folder);
+            return write_pictures(run, &truth, &options, folder, json);
         }
         let on = MeasuredOn::open(run, data)?;
         let what = match &options.masks {
@@ -252,7 +252,13 @@ fn eval_error(error: SegmentEvalError) -> CliError {
 }
 
 /// Writes the pictures for another program.
-fn write_pictures(run: &OpenRun, truth: &Truth, options: &SegmentOptions, folder: &Path) -> Result<(), CliError> {
+fn write_pictures(
+    run: &OpenRun,
+    truth: &Truth,
+    options: &SegmentOptions,
+    folder: &Path,
+    json: bool,
+) -> Result<(), CliError> {
     if folder.exists() {
         return Err(CliError::input(format!(
             "--mask-pictures {}: already exists; give a new folder",
@@ -271,6 +277,9 @@ fn write_pictures(run: &OpenRun, truth: &Truth, options: &SegmentOptions, folder
     .map_err(eval_error)?;
     building.commit().map_err(fail)?;
     bar.finish_and_clear();
+    if json {
+        return print_json(&serde_json::json!({ "pictures": count, "folder": folder }));
+    }
     outln!("{count} pictures");
     errln!(
         "pictures: {}; next: let your program write MASKS/GROUP/VIEW_NUMBER.png, then measure with --masks dir \

@@ -130,7 +130,10 @@ impl InspectArgs {
             .ok()
             .and_then(|text| serde_json::from_str::<serde_json::Value>(&text).ok());
         let check = |checkpoint: &Path| {
-            [RunPaths::SCENE, "optimizer.safetensors"].iter().try_for_each(|name| {
+            // a packed copy has no state of the optimiser
+            let is_packed = checkpoint::read_state(checkpoint).is_ok_and(|state| state.packed);
+            let names = [RunPaths::SCENE, "optimizer.safetensors"];
+            names[..if is_packed { 1 } else { 2 }].iter().try_for_each(|name| {
                 let path = checkpoint.join(name);
                 refuse_not_finite(&path, &read_tensors(&path)?.0)
             })

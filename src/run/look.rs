@@ -195,6 +195,16 @@ impl Look {
         self.selection.preview(run, edits)
     }
 
+    /// Returns the scale that prepared colours depend on, as text, empty if on none; `None` if the first frame has yet to
+    /// set it.
+    #[must_use]
+    pub fn settled(&self) -> Option<String> {
+        match &self.kind {
+            Kind::Velocity { scale, .. } => scale.map(|scale| scale.to_bits().to_string()),
+            _ => Some(String::new()),
+        }
+    }
+
     /// Returns this look with the values at the ends of its scale, if it has one, fixed instead of set by the first
     /// frame.
     #[must_use]

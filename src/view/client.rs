@@ -7,6 +7,7 @@ use super::hub::Outgoing;
 use super::pace::Pace;
 use super::protocol::{Answer, Asked, Combine, Selected, View};
 use super::workspace::Workspace;
+use crate::name::Name;
 use crate::run::RunError;
 use crate::run::look::{Legend, Look, Prepared};
 use crate::run::pick::{ClickError, Hit, place};
@@ -115,8 +116,14 @@ impl Client {
         }
     }
 
-    /// Adapts what it wants to see to the new name of a segment.
+    /// Adapts what it wants to see, and what is selected in the segment, to the new name of a segment.
     pub fn renamed(&mut self, old: &str, new: &str) {
+        if let (Some((_, clicked)), Ok(new)) = (&mut self.clicked, Name::new(new)) {
+            let hit = &mut clicked.hit;
+            for name in hit.within.iter_mut().chain(&mut hit.segments).filter(|name| ***name == *old) {
+                name.clone_from(&new);
+            }
+        }
         let Some(view) = &mut self.view else { return };
         for name in view.alone.iter_mut().chain(&mut view.hidden).filter(|name| *name == old) {
             new.clone_into(name);

@@ -1,6 +1,6 @@
 //! `volseggs eval --segments` as a whole program: clicks, every method, the table and its files.
 
-use crate::common::{json, names, refused, train, volseggs};
+use crate::common::{json, names, refused, run_json, train, volseggs};
 use serde_json::Value;
 
 const METHODS: [&str; 5] = ["sagd", "saga", "coarse", "fine", "coarse+fine"];
@@ -87,7 +87,8 @@ fn known_segments_are_evaluated_with_every_method() {
     // pictures for another program, and its masks read back
     let fine = ["eval", "run", "--methods", "fine", "--no-oracle"];
     let pictures = [&["--mask-pictures", "pictures"][..], &short.split(' ').collect::<Vec<_>>()[..]].concat();
-    volseggs().current_dir(root).args(fine).args(&pictures).assert().success();
+    let written = run_json(root, &[&fine[..], &pictures].concat());
+    assert!(written["pictures"].as_u64().is_some_and(|n| n > 0) && written["folder"] == "pictures", "{written}");
     refused(volseggs().current_dir(root).args(fine).args(&pictures), &["--mask-pictures pictures"]);
     for flag in [["--views", "5"], ["--split", "train"]] {
         let said = volseggs().current_dir(root).args(["eval", "run", "--segments"]).args(flag).assert().code(2);

@@ -27,6 +27,7 @@ fn a_packed_run_is_small_and_supports_everything_but_training() {
     assert!(3 * bytes(root, "small") < 2 * bytes(root, "run"), "{report}");
     assert_eq!(names(&root.join("small")), ["checkpoints", "config.toml", "edits.json", "run.json", "segments"]);
     assert_eq!(names(&root.join("small/segments")), ["segments.safetensors"]);
+    assert_eq!(run_json(root, &["inspect", "small"])["readable"], 1);
 
     // pictures, numbers, segments, edits
     let psnr = |run: &str| run_json(root, &["eval", run])["psnr"].as_f64().unwrap();

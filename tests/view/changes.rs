@@ -1,6 +1,6 @@
 //! Concurrent changes of the document, by windows and commands: nothing is lost.
 
-use crate::common::{BINARY, run_json};
+use crate::common::{BINARY, run_json, volseggs};
 use crate::socket::{Server, Window};
 use crate::{list, run, setting, view};
 use serde_json::{Value, json};
@@ -100,4 +100,29 @@ fn one_of_two_simultaneous_commits_is_stale_and_a_commit_outlives_its_window() {
     drop(third);
     first.wait_for(|m| m["type"] == "document" && m["segments"].to_string().contains("three"));
     assert!(names().contains(&"three".to_owned()));
+}
+
+#[test]
+fn a_selection_stays_in_its_segment_when_that_is_renamed() {
+    let folder = run();
+    let root = folder.path();
+    let server = Server::start(root, &[]);
+    let (mut window, welcome) = Window::open(&server);
+    window.say(&view(&welcome, 0.5, "colour", false));
+    window.say(&json!({ "type": "pick", "id": 1, "pixel": [16, 16], "within": null, "meaning": null }));
+    window.wait_for(|m| m["type"] == "picked");
+    let old: Vec<String> = list(root).iter().map(|s| s["name"].as_str().unwrap().to_owned()).collect();
+    for (k, name) in old.iter().enumerate() {
+        volseggs().current_dir(root).args(["segment", "rename", "run", name, &format!("new-{k}")]).assert().success();
+    }
+    let last = format!("new-{}", old.len() - 1);
+    window.wait_for(|m| m["type"] == "document" && m["segments"].to_string().contains(&last));
+    window.say(&json!({ "type": "adjust", "id": 2, "meaning": { "by": { "scale": 0.9, "threshold": -1.0 } } }));
+    let adjusted = window.wait_for(|m| m["id"] == 2);
+    assert_eq!(adjusted["type"], "picked", "{adjusted}");
+    let base = window.document["revision"].clone();
+    window.say(&json!({ "type": "commit", "id": 3, "base": base, "name": "part" }));
+    assert_eq!(window.wait_for(|m| m["id"] == 3)["type"], "done");
+    let part = list(root).into_iter().find(|s| s["name"] == "part").unwrap();
+    assert!(part["parent"].as_str().is_some_and(|parent| parent.starts_with("new-")), "{part}");
 }

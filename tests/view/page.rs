@@ -42,6 +42,8 @@ fn a_picture_is_saved_dropped_back_in_and_shared_as_a_link_and_a_command() {
     browser.shoot(&tab, "9-affinity");
     browser.set(&tab, "look", "velocity x");
     browser.rests(&tab);
+    let bar = "document.querySelectorAll('#legend-numbers span').length";
+    assert_eq!(browser.eval(&tab, bar), 3, "the legend comes back with the colours");
     let before = browser.picture(&tab);
     browser.eval(&tab, "document.getElementById('save').click()");
     let file = downloads.path().join("volseggs.png");

@@ -89,6 +89,10 @@ impl RenderArgs {
                 let last = (n - 1).max(1) as f64;
                 Ok(hold(around.orbit(n).into_iter().enumerate().map(|(i, c)| (c, i as f64 / last)).collect()))
             }
+            _ if self.radius.is_some() => Err(CliError::input(format!(
+                "--radius: cannot be combined with --path {}, which defines the cameras",
+                self.path.display()
+            ))),
             _ => Ok(hold(from_file(&self.path, lens)?)),
         }
     }

@@ -3,6 +3,7 @@
 use super::Renderer;
 use crate::export::images::to_rgb8;
 use crate::run::RunError;
+use crate::run::look::Look;
 use crate::view::client::Client;
 use crate::view::compare::{Compare, Side};
 use crate::view::encode::Picture;
@@ -104,18 +105,21 @@ impl Renderer {
         let dragged = client.preview.is_some() && side == Side::Picture;
         let (look, key) = client.look(space, view, side)?;
         let (scene, device) = (&space.run.scene, &space.device);
-        let key = format!("{} {key}", view.time);
-        let prepared = match self.cache.get(&key) {
+        // colours depend on the scale too, which a look's first frame sets
+        let whole = |look: &Look| look.settled().map(|scale| format!("{} {key} {scale}", view.time));
+        let known = whole(look).and_then(|key| self.cache.get(&key));
+        let prepared = match known {
             Some(prepared) => prepared,
             None => {
                 let prepared = look.prepare(scene, view.time as f32, device)?;
-                if !dragged {
-                    // the steps of a drag are not shown again
-                    self.cache.put(key.clone(), prepared.clone());
+                // the steps of a drag are not shown again
+                if let Some(key) = whole(look).filter(|_| !dragged) {
+                    self.cache.put(key, prepared.clone());
                 }
                 prepared
             }
         };
+        let key = whole(look).unwrap_or_else(|| format!("{} {key}", view.time));
         let prepared = client.highlighted(&key, prepared, side, device);
         let (look, _) = client.look(space, view, side)?;
         let image = look.draw(scene, &prepared, camera.to_kernel(), device);
