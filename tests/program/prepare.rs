@@ -4,6 +4,7 @@ use crate::common::{SETTINGS, json, names, refused, text, volseggs};
 use std::path::{Path, PathBuf};
 use volseggs::data::dataset::{Dataset, OpenOptions};
 use volseggs::data::{SplitName, Transforms};
+use volseggs::volume::placement::published_side;
 
 /// A series of raw volumes with a drifting ball, and labels of its inner part: 20 x 16 x 12 voxels, 3 steps.
 fn write_series(root: &Path) {
@@ -46,6 +47,9 @@ fn a_series_becomes_a_dataset_with_ground_truth() {
     let record: serde_json::Value = serde_json::from_slice(&command.assert().success().get_output().stdout).unwrap();
     assert_eq!((&record["dims"], &record["transfer_function"]), (&serde_json::json!([20, 16, 12]), &"ramp".into()));
     assert_eq!(record["segments"], serde_json::json!(["core", "shell"]));
+    // of the height, which is the shorter side
+    let half = record["half_size"][0].as_f64().unwrap();
+    assert!((half / (0.5 * published_side()) - 0.8).abs() < 1e-9, "{half}");
     let data = root.join("data");
     assert_eq!(
         names(&data),
@@ -163,6 +167,7 @@ fn invalid_input_gives_one_error_and_leaves_nothing_behind() {
     with(&["--transfer-function", "nothing"], &["nothing", "ramp", "fire"]);
     with(&["--steps", "0,3"], &["step 3", "3 steps"]);
     with(&["--radius", "0.2", "--side", "1"], &["radius 0.2", "outside"]);
+    with(&["--segment-steps", "0"], &["--segment-steps", "no segment is rendered"]);
     with(&["--time-values", "0,2,1"], &["time"]);
     with(&["--labels", &text(root, "l_0.raw")], &["--labels", "1 steps"]);
     let volume = |inputs: &[&str], words: &[&str]| {

@@ -211,6 +211,9 @@ fn grid(path: &Path, raw: &NiftiHeader, notes: &mut Vec<String>) -> Result<(Grid
         notes.push("units ignored (xyzt_units): spacing is in the file's units".to_owned());
     }
     let (offset, aligned) = placement(raw);
+    if raw.sform_code > 0 {
+        take_lengths(raw, &mut grid.spacing, notes);
+    }
     if offset.iter().all(|v| v.is_finite()) {
         grid.origin = offset.map(f64::from);
     } else {
@@ -240,4 +243,17 @@ fn placement(raw: &NiftiHeader) -> ([f32; 3], bool) {
         return ([raw.quatern_x, raw.quatern_y, raw.quatern_z], aligned);
     }
     ([0.0; 3], true)
+}
+
+/// Takes the lengths of the columns of the sform, from which the offset is taken too, as spacing where they contradict
+/// `pixdim`: some programs change only the one.
+fn take_lengths(raw: &NiftiHeader, spacing: &mut [f64; 3], notes: &mut Vec<String>) {
+    let rows = [raw.srow_x, raw.srow_y, raw.srow_z];
+    for (axis, spacing) in spacing.iter_mut().enumerate() {
+        let length = rows.iter().map(|row| f64::from(row[axis]).powi(2)).sum::<f64>().sqrt();
+        if length.is_finite() && length > 0.0 && (length / *spacing - 1.0).abs() > 1e-3 {
+            notes.push(format!("pixdim: spacing {spacing} along axis {axis} replaced by {length}, that of the sform"));
+            *spacing = length;
+        }
+    }
 }

@@ -59,6 +59,9 @@ pub struct RayCaster {
     placement: Placement,
     occupancy: Occupancy,
     flat: f32,
+    /// A power of two that brings gradients near 1, so that their squares neither overflow nor vanish in single precision
+    /// whatever the unit of the data.
+    gradient_unit: f32,
     step: f64,
 }
 
@@ -104,7 +107,10 @@ impl RayCaster {
                 })
                 .collect();
         let flat = FLAT * (span[1] - span[0]) as f32;
-        Self { field, labels, table, shading: transfer.shading, shine, placement, occupancy, flat, step }
+        let width = (span[1] - span[0]).max(f64::MIN_POSITIVE);
+        let gradient_unit = (-width.log2().round()).clamp(-90.0, 90.0).exp2() as f32;
+        let shading = transfer.shading;
+        Self { field, labels, table, shading, shine, placement, occupancy, flat, gradient_unit, step }
     }
 
     /// Prepares to show `segment` (an id, from 1) alone.
@@ -220,7 +226,7 @@ impl RayCaster {
         let inverse = delta.map(f32::recip);
         let end = self.field.dims.map(|n| (n - 1) as f32);
         let light = (-direction).as_vec3().to_array();
-        let to_world = self.placement.voxels_per_unit.as_vec3().to_array();
+        let to_world = self.placement.voxels_per_unit.as_vec3().to_array().map(|v| v * self.gradient_unit);
         let (occupancy, wanted) = match only {
             Some(isolated) => (&isolated.occupancy, isolated.segment),
             None => (&self.occupancy, 0),

@@ -278,3 +278,21 @@ fn odd_input_gives_a_picture() {
     assert_eq!(nothing.render(&inside, None).coverage(), 0.0);
     assert!(v.grid.len() == 8 && caster.render(&Camera { width: 1, height: 3, ..inside }, None).pixels.len() == 12);
 }
+
+#[test]
+fn pictures_do_not_depend_on_the_unit_of_the_data() {
+    let transfer = TransferFunction { shading: Shading::default(), ..plain(&[(0.0, 0.0), (0.3, 0.6), (1.0, 0.9)]) };
+    let v = volume([17, 13, 9], bumpy);
+    let placement = Placement::new(&v.grid, published_side());
+    let camera = &training_cameras(5, RADIUS, lens(24))[2];
+    let of = |unit: f64| {
+        let values = v.values.iter().map(|x| x * unit as f32).collect();
+        let scaled = Volume { values, ..v.clone() };
+        RayCaster::new(&scaled, None, &transfer, [0.0, unit], placement, 0.5).render(camera, None)
+    };
+    let usual = of(1.0);
+    // the squares of gradients would be 0 and infinite
+    for exponent in [-80, 66] {
+        assert!(of(2f64.powi(exponent)) == usual, "2^{exponent}");
+    }
+}

@@ -144,6 +144,11 @@ fn places_the_first_voxel_and_notes_what_is_ignored() {
     let (h, _) = load("a.nii", &f).unwrap();
     assert_eq!(h.grid.origin, [7.0, 8.0, 9.0]);
     assert_eq!(h.notes.len(), 1, "{:?}", h.notes);
+    // the sform alone was changed
+    set_f32(&mut f, 280 + 20 * 2, 6.0);
+    let (h, _) = load("a.nii", &f).unwrap();
+    assert_eq!(h.grid.spacing, [0.5, 2.0, 6.0]);
+    assert!(h.notes.iter().any(|n| n.contains("spacing 3 along axis 2 replaced by 6")), "{:?}", h.notes);
     set_f32(&mut f, 280, -0.5);
     assert!(load("a.nii", &f).unwrap().0.notes.iter().any(|n| n.contains("orientation ignored")));
     f[254] = 0;
