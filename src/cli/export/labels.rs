@@ -47,9 +47,9 @@ pub(super) struct LabelArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum SpaceName {
-    /// The patient's left, back and head, as in 3D Slicer (the default).
+    /// The patient's left, back and head, as in 3D Slicer (the default, but for volumes from NIfTI files).
     Lps,
-    /// The patient's right, front and head, as in NIfTI.
+    /// The patient's right, front and head, as in NIfTI (the default for volumes from NIfTI files).
     Ras,
     /// No anatomical directions.
     None,
@@ -134,6 +134,12 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Resu
         return Err(CliError::input("--space: only NRRD files store it; omit it, or write .nrrd"));
     }
     let labels = Labels::new(run, &options.plan(args.shown.segments.clone()))?;
+    let format = match format {
+        LabelFormat::Nrrd(_) if options.space.is_none() && labels.is_nifti => {
+            LabelFormat::Nrrd(Space::RightAnteriorSuperior)
+        }
+        given => given,
+    };
     let times = args.times()?;
     let truth = match options.truth.as_slice() {
         [] => None,

@@ -75,6 +75,13 @@ pub(super) fn choose(
     Ok((around(run.scene.spec.centre, run.scene.spec.half_size, dims), vec![assumed]))
 }
 
+/// Whether a name, or the description of a series in a dataset's record, is that of NIfTI files.
+pub(super) fn is_nifti(source: &str) -> bool {
+    let first = source.split(" .. ").next().unwrap_or(source);
+    let name = first.split(['[', '(']).next().unwrap_or(first).trim_end().to_ascii_lowercase();
+    name.ends_with(".nii") || name.ends_with(".nii.gz")
+}
+
 fn alike(file: Grid, record: Option<&PrepareRecord>) -> Result<LabelGrid, String> {
     if file.dims.iter().any(|n| *n < 2) {
         return Err(format!("{:?} voxels; at least 2 are needed along each axis", file.dims));
@@ -142,6 +149,17 @@ mod tests {
             (record.spacing, record.origin) = (Some(grid.spacing), Some(grid.origin));
         }
         record
+    }
+
+    #[test]
+    fn nifti_files_are_recognised_in_records() {
+        for nifti in ["ct.nii.gz", "a/ct.NII (4x4x4)", "ct.nii.gz[0] .. ct.nii.gz[9] (4x4x4, 10 steps)"] {
+            assert!(is_nifti(nifti), "{nifti}");
+        }
+        for other in ["", "v.nrrd (4x4x4)", "synthetic jets (4x4x4, 10 steps)", "nii.raw .. x.nii.raw (4x4x4, 2 steps)"]
+        {
+            assert!(!is_nifti(other), "{other}");
+        }
     }
 
     #[test]

@@ -52,6 +52,8 @@ pub struct Labels<'r> {
     pub listed: Vec<NamedLabel>,
     /// The voxels.
     pub grid: LabelGrid,
+    /// Whether the voxels are of a NIfTI file, whose axes point right, front and up.
+    pub is_nifti: bool,
     /// The dataset that the voxels come from.
     pub data: PathBuf,
     /// What had to be assumed about the voxels, and what the reader of their file reports, one sentence each.
@@ -77,8 +79,12 @@ impl<'r> Labels<'r> {
         let data = plan.data.clone().unwrap_or_else(|| run.record.dataset.clone());
         let (grid, notes) = grid::choose(run, &data, record.as_ref(), plan.dims, plan.like.as_deref())?;
         check_memory(&grid, plan.like.as_deref())?;
+        let is_nifti = match &plan.like {
+            Some(file) => grid::is_nifti(&file.to_string_lossy()),
+            None => record.as_ref().is_some_and(|record| grid::is_nifti(&record.source)),
+        };
         let vote = plan.threshold.map_or(Vote::default(), |threshold| Vote { threshold, ..Vote::default() });
-        Ok(Self { run, selection, vote, labels, names, listed, grid, data, notes })
+        Ok(Self { run, selection, vote, labels, names, listed, grid, is_nifti, data, notes })
     }
 
     /// Returns the labels of the voxels `[z, y, x]` at `time` in [0, 1], x fastest; 0 is none.
