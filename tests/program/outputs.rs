@@ -100,8 +100,12 @@ fn impossible_numbers_are_refused() {
         refuse(render, bad, &["--radius"]);
     }
     refuse(render, "--radius 1e12", &["--radius", "too far away"]);
-    let file = "render run --out frames --path data/transforms_test.json";
-    refuse(file, "--radius 2", &["--radius", "transforms_test.json", "defines the cameras"]);
+    let file = made_once().join("data/transforms_test.json");
+    refuse(
+        &format!("render run --out frames --path {}", file.display()),
+        "--radius 2",
+        &["--radius", "transforms_test.json", "defines the cameras"],
+    );
     for bad in ["0", "99999999999", "1.5"] {
         refuse(render, &format!("--frames {bad}"), &["--frames", bad]);
     }
