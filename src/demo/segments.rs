@@ -10,15 +10,15 @@ use crate::export::images::to_rgb8;
 use crate::files::AtomicDir;
 use crate::model::HostGaussians;
 use crate::name::Name;
-use crate::run::OpenRun;
+use crate::run::segments::RunSegments;
+use crate::run::{OpenRun, RunError};
 use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
 use crate::segment::fine::train::FineOptions;
 use crate::segment::masks::origin::MaskKind;
-use crate::segment::masks::sheet::distinct_colour;
 use crate::segment::pick::Meaning;
 use crate::segment::pictures::draw;
-use crate::segment::segmentation::{Origin, Segment};
+use crate::segment::segmentation::{Origin, Segment, Segmentation};
 use crate::track::follow::{FollowOptions, Followed, Followup, follow};
 use image::RgbImage;
 use std::path::Path;
@@ -67,6 +67,19 @@ impl SegmentStory {
     }
 }
 
+/// Saves what the demo selected as the run's segments, unless the user has made others since an earlier demo.
+fn save(run: &OpenRun, found: &Segmentation) -> Result<(), RunError> {
+    let (mut own, _) = RunSegments::replacing(run);
+    if own.now().segments.is_empty() {
+        own.change("demo", found.segments.clone());
+        return own.save();
+    }
+    if own.now().segments != found.segments {
+        errln!("note: the segments of {} are kept, as they are not those of the demo", run.path.display());
+    }
+    Ok(())
+}
+
 /// Segments, measures and tracks; writes `segments/` and `eval/segments/` of the run.
 pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Result<SegmentStory, String> {
     let scene = &run.scene;
@@ -93,8 +106,8 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
 
     let mut found = run.no_segments();
     let chosen = evaluation.results.iter().filter(|r| r.method == Method::CoarseFine && !r.fixed.members.is_empty());
-    for (i, result) in chosen.enumerate() {
-        let colour = distinct_colour(i).map(|c| f32::from(c) / 255.0);
+    for result in chosen {
+        let colour = found.free_colour();
         let name = Name::new(result.segment.clone()).map_err(|e| e.to_string())?;
         let members = result.fixed.members.clone();
         let (scale, threshold) = result.fixed.asked.unwrap_or(Meaning::BY_HAND);
@@ -102,7 +115,7 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
         let segment = Segment { name, parent: None, colour, time: evaluation.time, origin, members };
         found.add(segment).map_err(|e| e.to_string())?;
     }
-    found.save(&run.paths().segments()).map_err(|e| e.to_string())?;
+    save(run, &found).map_err(|e| e.to_string())?;
 
     let times: Vec<f64> = (0..TIMES).map(|i| i as f64 / (TIMES - 1) as f64).collect();
     let wanted: Vec<Followed<'_>> =

@@ -89,7 +89,7 @@ pub fn split(
         let of = whole.members.iter().zip(&labels).filter(|(_, l)| **l == label);
         let mut members: Vec<u32> = of.map(|(m, _)| *m).collect();
         if !options.keep_strays {
-            members = without_strays(&at, &members).map_err(RunError::failure)?;
+            members = without_strays(&at, &members, None).map_err(RunError::failure)?;
         }
         if members.is_empty() {
             continue;

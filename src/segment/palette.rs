@@ -1,4 +1,5 @@
-//! Names and hex strings for cluster colours, for legends and segment lists. No clustering happens here.
+//! Names and hex strings for cluster colours, and distinct colours, for legends and segment lists. No clustering
+//! happens here.
 
 use super::colour::rgb_to_lab;
 use serde::{Deserialize, Serialize};
@@ -170,6 +171,19 @@ fn unpack(code: u32) -> [f32; 3] {
     [16, 8, 0].map(|shift| ((code >> shift) & 255) as f32 / 255.0)
 }
 
+/// Returns colour number `index` of a sequence in which neighbours differ strongly: the hue turns by the golden ratio.
+#[must_use]
+pub fn distinct_colour(index: usize) -> [u8; 3] {
+    let hue = (index as f32 * 0.618_034 + 0.02).fract() * 6.0;
+    let value = [1.0, 0.75, 0.9][index % 3];
+    let channel = |shift: f32| {
+        let at = (hue + shift).rem_euclid(6.0);
+        let part = (2.0 - (at - 3.0).abs()).clamp(0.0, 1.0);
+        ((0.08 + 0.92 * (1.0 - part)) * value * 255.0) as u8
+    };
+    [channel(0.0), channel(4.0), channel(2.0)]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -247,5 +261,13 @@ mod tests {
         assert_eq!((palette[0].name.as_str(), palette[0].hex.as_str()), ("unknown", "#000000"));
         assert_eq!((palette[1].name.as_str(), palette[1].hex.as_str()), ("red", "#ff0000"));
         assert!(name_colours(&[]).is_empty());
+    }
+
+    #[test]
+    fn neighbouring_colours_differ() {
+        for index in 0..40 {
+            let (a, b) = (distinct_colour(index), distinct_colour(index + 1));
+            assert!((0..3).map(|c| a[c].abs_diff(b[c]) as u32).sum::<u32>() > 120, "{index}");
+        }
     }
 }

@@ -7,7 +7,7 @@ use super::baselines::saga::SagaModel;
 use super::candidates::Candidates;
 use super::click::heaviest;
 use super::levels::{Level, levels, likeliest};
-use super::pieces::without_strays_but;
+use super::pieces::without_strays;
 use super::voxels::VoxelError;
 use crate::points::PointsError;
 use std::collections::BTreeMap;
@@ -137,7 +137,7 @@ pub fn pick(of: &Candidates<'_>, clicked: u32, options: &PickOptions) -> Result<
     };
     // a piece has no strays
     if !options.keep_strays && !picked.piece {
-        picked.members = without_strays_but(of.at, &picked.members, Some(clicked))?;
+        picked.members = without_strays(of.at, &picked.members, Some(clicked))?;
     }
     Ok(picked)
 }

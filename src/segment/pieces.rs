@@ -44,26 +44,16 @@ pub fn pieces(at: &HostGaussians, members: &[u32], touch: Touch) -> Result<Compo
     components_touching(&rows(&at.means), &radii, touch.reach, &opacity, &ComponentFilter::default())
 }
 
-/// Returns the `members` without strays: pieces that do not touch the rest and are small relative to the largest. They
-/// consist of Gaussians that no mask shows, whose features the field interpolates between those that it knows.
+/// Returns the ascending `members` without strays: pieces that do not touch the rest, are small relative to the largest
+/// and do not hold the Gaussian `kept`. They consist of Gaussians that no mask shows, whose features the field
+/// interpolates between those that it knows.
 ///
 /// # Errors
 /// If the arrays of `at` disagree, or points are too far apart.
 ///
 /// # Panics
 /// If a member is not below N.
-pub fn without_strays(at: &HostGaussians, members: &[u32]) -> Result<Vec<u32>, PointsError> {
-    without_strays_but(at, members, None)
-}
-
-/// As [`without_strays`], but the piece with the Gaussian `kept` is none. `members` ascend.
-///
-/// # Errors
-/// As [`without_strays`].
-///
-/// # Panics
-/// If a member is not below N.
-pub fn without_strays_but(at: &HostGaussians, members: &[u32], kept: Option<u32>) -> Result<Vec<u32>, PointsError> {
+pub fn without_strays(at: &HostGaussians, members: &[u32], kept: Option<u32>) -> Result<Vec<u32>, PointsError> {
     let found = pieces(at, members, Touch::ALL)?;
     let own = kept.and_then(|kept| members.binary_search(&kept).ok()).map_or(0, |row| found.labels[row]);
     let most = found.weights.iter().copied().fold(0.0, f64::max);
@@ -91,16 +81,16 @@ mod tests {
             embedding: None,
         };
         let all: Vec<u32> = (0..n as u32).collect();
-        assert_eq!(without_strays(&at, &all).unwrap(), all[..40]);
-        assert_eq!(without_strays(&at, &all[40..]).unwrap(), [40], "a lone Gaussian is not a stray");
-        assert_eq!(without_strays(&at, &[]).unwrap(), [0u32; 0]);
-        assert_eq!(without_strays_but(&at, &all, Some(40)).unwrap(), all, "the clicked one is none");
-        assert_eq!(without_strays_but(&at, &all, Some(3)).unwrap(), all[..40]);
+        assert_eq!(without_strays(&at, &all, None).unwrap(), all[..40]);
+        assert_eq!(without_strays(&at, &all[40..], None).unwrap(), [40], "a lone Gaussian is not a stray");
+        assert_eq!(without_strays(&at, &[], None).unwrap(), [0u32; 0]);
+        assert_eq!(without_strays(&at, &all, Some(40)).unwrap(), all, "the clicked one is none");
+        assert_eq!(without_strays(&at, &all, Some(3)).unwrap(), all[..40]);
         at.opacity_logits[13..18].fill(-8.0);
         let parted = pieces(&at, &all, Touch::SEEN).unwrap().labels;
         assert_eq!((parted[15], parted[12] == parted[18]), (0, false), "invisible Gaussians connect nothing");
         assert_eq!(pieces(&at, &all, Touch::ALL).unwrap().labels[..30], [1; 30]);
         at.means[3] = f32::NAN;
-        assert!(!without_strays(&at, &all).unwrap().contains(&1));
+        assert!(!without_strays(&at, &all, None).unwrap().contains(&1));
     }
 }

@@ -178,17 +178,23 @@ pub fn locate(path: &Path) -> (PathBuf, Option<PathBuf>) {
     }
 }
 
+/// Reads the tensors of the checkpoint at `path`: the scene and, unless it is packed, the state of the optimiser.
+///
+/// # Errors
+/// If a file cannot be read, or holds values that are not finite.
+pub fn check_tensors(path: &Path) -> Result<(), SceneError> {
+    let is_packed = read_state(path).is_ok_and(|state| state.packed);
+    [RunPaths::SCENE, OPTIMIZER][..if is_packed { 1 } else { 2 }].iter().try_for_each(|name| {
+        let file = path.join(name);
+        refuse_not_finite(&file, &read_tensors(&file)?.0)
+    })
+}
+
 /// Returns what to do when the checkpoint at `path` is damaged, naming the newest older one that is complete as a
 /// command would.
 pub fn advice(path: &Path) -> String {
     let run = path.parent().and_then(Path::parent).unwrap_or_else(|| Path::new("."));
-    let whole = |checkpoint: &Path| {
-        read_state(checkpoint).is_ok()
-            && [RunPaths::SCENE, OPTIMIZER]
-                .iter()
-                .map(|f| checkpoint.join(f))
-                .all(|file| read_tensors(&file).is_ok_and(|(tensors, _)| refuse_not_finite(&file, &tensors).is_ok()))
-    };
+    let whole = |checkpoint: &Path| read_state(checkpoint).is_ok() && check_tensors(checkpoint).is_ok();
     let before = step_of(path).unwrap_or(usize::MAX);
     let older = list(run).into_iter().rev().filter(|(step, _)| *step < before).map(|(_, p)| p);
     match older.into_iter().find(|p| whole(p)) {

@@ -217,9 +217,8 @@ pub fn run(
     let record_path = RunPaths(out).record();
     let build = program::build().map(|build| build.digest.clone()).unwrap_or_default();
     let earlier = newest.is_some().then(|| earlier_record(&record_path)).flatten();
-    let before = earlier.clone();
     let peak_before = earlier.as_ref().map_or(0, |record| record.peak_memory_bytes);
-    let earlier_builds = earlier.map_or_else(Vec::new, |record| builds_before(record, &build));
+    let earlier_builds = earlier.as_ref().map_or_else(Vec::new, |record| builds_before(record, &build));
     let first = training.steps_done();
     let started = Instant::now();
     let paused = Cell::new(Duration::ZERO);
@@ -351,10 +350,10 @@ pub fn run(
     record.training_seconds = seconds();
     record.gaussians = training.model().counts().primitives;
     record.peak_memory_bytes = peak_memory().max(peak_before);
-    if let Some(before) = before.filter(|_| record.steps == first) {
+    if let Some(earlier) = earlier.filter(|_| record.steps == first) {
         // nothing was trained: build, device and threads stay those of the steps
         let RunRecord { status, dataset, .. } = record;
-        record = RunRecord { status, dataset, steps: first, ..before };
+        record = RunRecord { status, dataset, steps: first, ..earlier };
     }
     write_record(&record)?;
     Ok(RunOutcome { record, complete, test_psnr, changed })
@@ -366,10 +365,10 @@ fn earlier_record(path: &Path) -> Option<RunRecord> {
 }
 
 /// Returns the builds named in a run's record, except `build`; a record of early versions counts as an empty name.
-fn builds_before(record: RunRecord, build: &str) -> Vec<String> {
-    let RunRecord { build: last, earlier_builds: mut builds, .. } = record;
-    if !builds.contains(&last) {
-        builds.push(last);
+fn builds_before(record: &RunRecord, build: &str) -> Vec<String> {
+    let mut builds = record.earlier_builds.clone();
+    if !builds.contains(&record.build) {
+        builds.push(record.build.clone());
     }
     builds.retain(|one| one != build);
     builds

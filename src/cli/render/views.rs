@@ -12,6 +12,7 @@ use crate::run::keyframes::{CameraPath, SavedPath};
 use crate::run::saved::SavedView;
 use crate::run::view::View;
 use crate::run::{OpenRun, Trained};
+use std::fmt::Display;
 use std::path::Path;
 
 /// Default number of frames of an orbit.
@@ -50,7 +51,14 @@ impl RenderArgs {
         run: &OpenRun<S>,
         saved: Option<&Saved>,
     ) -> Result<Vec<(Camera, f64)>, CliError> {
+        let no_radius = |path: &dyn Display| match self.radius {
+            Some(_) => {
+                Err(CliError::input(format!("--radius: cannot be combined with {path}, which defines the cameras")))
+            }
+            None => Ok(()),
+        };
         if let Some(Saved { name, view, path: Some(path) }) = saved {
+            no_radius(name)?;
             return self.along(name, &view.view, path);
         }
         let mut around = surroundings(run, self.view.size);
@@ -89,21 +97,15 @@ impl RenderArgs {
                 let last = (n - 1).max(1) as f64;
                 Ok(hold(around.orbit(n).into_iter().enumerate().map(|(i, c)| (c, i as f64 / last)).collect()))
             }
-            _ if self.radius.is_some() => Err(CliError::input(format!(
-                "--radius: cannot be combined with --path {}, which defines the cameras",
-                self.path.display()
-            ))),
-            _ => Ok(hold(from_file(&self.path, lens)?)),
+            _ => {
+                no_radius(&format_args!("--path {}", self.path.display()))?;
+                Ok(hold(from_file(&self.path, lens)?))
+            }
         }
     }
 
     /// The views along a path of keyframes: as many frames as its duration gives, unless a number is given.
     fn along(&self, name: &str, shown: &View, path: &CameraPath) -> Result<Vec<(Camera, f64)>, CliError> {
-        if self.radius.is_some() {
-            return Err(CliError::input(format!(
-                "--radius: cannot be combined with {name}, which defines the cameras"
-            )));
-        }
         let [width, height] = shown.size;
         check_lens(name, Lens { fov_x: shown.fov, width, height })?;
         let n = self.frames.unwrap_or((path.seconds() * f64::from(self.fps)).round() as usize + 1);

@@ -3,6 +3,7 @@
 //! Only produces pixels; the caller writes files.
 
 use super::mask::Mask;
+use crate::segment::palette::distinct_colour;
 
 /// A picture of `[height, width]` pixels, row-major RGBA.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -63,19 +64,6 @@ pub fn sheet(pictures: &[Picture], columns: usize) -> Picture {
     Picture { width: width as u32, height: height as u32, rgba }
 }
 
-/// Returns colour number `index` of a sequence in which neighbours differ strongly: the hue turns by the golden ratio.
-#[must_use]
-pub fn distinct_colour(index: usize) -> [u8; 3] {
-    let hue = (index as f32 * 0.618_034 + 0.02).fract() * 6.0;
-    let value = [1.0, 0.75, 0.9][index % 3];
-    let channel = |shift: f32| {
-        let at = (hue + shift).rem_euclid(6.0);
-        let part = (2.0 - (at - 3.0).abs()).clamp(0.0, 1.0);
-        ((0.08 + 0.92 * (1.0 - part)) * value * 255.0) as u8
-    };
-    [channel(0.0), channel(4.0), channel(2.0)]
-}
-
 fn blend(under: u8, over: u8, alpha: f32) -> u8 {
     (f32::from(under) * (1.0 - alpha) + f32::from(over) * alpha).round() as u8
 }
@@ -108,13 +96,5 @@ mod tests {
         assert_eq!((found.width, found.height), (10, 8));
         assert_eq!(found.rgba.iter().filter(|&&byte| byte == 7).count(), 72);
         assert!(sheet(&[], 3).rgba.is_empty());
-    }
-
-    #[test]
-    fn neighbouring_colours_differ() {
-        for index in 0..40 {
-            let (a, b) = (distinct_colour(index), distinct_colour(index + 1));
-            assert!((0..3).map(|c| a[c].abs_diff(b[c]) as u32).sum::<u32>() > 120, "{index}");
-        }
     }
 }
