@@ -46,6 +46,7 @@ impl DemoArgs {
         };
         let outcome = demo(&options, &stop).map_err(|e| match e {
             DemoError::Input(_) => CliError::input(e),
+            DemoError::Train(e) => e.into(),
             e => CliError::failure(e),
         })?;
         let s = &outcome.evaluation.summary;

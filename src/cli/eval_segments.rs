@@ -68,7 +68,7 @@ pub(super) struct SegmentFlags {
     /// Time of the clicks in [0, 1]; the nearest training time is used, and segments are tracked to the other times.
     #[arg(long, default_value_t = SegmentOptions::default().time, value_parser = fraction, requires = "segments")]
     time: f64,
-    /// Number of views with masks.
+    /// Number of views with masks; for labels, at most this many of the dataset's views.
     #[arg(long, default_value_t = SegmentOptions::default().views, value_parser = count, requires = "segments")]
     mask_views: usize,
     /// Restrict these views to within 45 degrees of an axis (x, y or z), instead of the whole sphere.
@@ -224,6 +224,9 @@ impl SegmentFlags {
             if given && self.masks != of {
                 return Err(CliError::input(format!("{option}: only for --masks {name}")));
             }
+        }
+        if self.mask_bias.is_some() && self.masks == Masks::Labels {
+            return Err(CliError::input("--mask-bias: label images have the dataset's own views; use other masks"));
         }
         Ok(match self.masks {
             Masks::Regions => MaskKind::Regions,

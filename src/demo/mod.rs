@@ -4,9 +4,9 @@
 mod segments;
 mod story;
 
-use crate::config::PRESETS;
 use crate::config::layers::Layers;
 use crate::config::types::Config;
+use crate::config::{PRESETS, RESERVED_VARIABLES};
 use crate::data::{Dataset, OpenOptions, SplitName};
 use crate::eval::run::Evaluation;
 use crate::files::{LockError, RunLock, Work};
@@ -18,6 +18,7 @@ use crate::prepare::{
 };
 use crate::run::measure::{MeasuredOn, measure};
 use crate::run::{AnyRun, OpenRun};
+use crate::train::TrainError;
 use crate::train::observer::NoObserver;
 use crate::train::run::{RunOptions, RunOutcome, Start};
 use crate::volume::placement::published_side;
@@ -69,6 +70,9 @@ pub enum DemoError {
         /// Its message.
         reason: String,
     },
+    /// The configuration is refused, or training failed.
+    #[error(transparent)]
+    Train(#[from] TrainError),
     /// The user can fix it: another option, another folder.
     #[error("{0}")]
     Input(String),
@@ -104,9 +108,10 @@ const COMMAND: &str = "volseggs demo";
 pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, DemoError> {
     let resolved = Layers::new(PRESETS)
         .source("demo")
-        .sets(options.set.iter().cloned())
-        .resolve::<Config>()
+        .env(std::env::vars_os(), RESERVED_VARIABLES)
+        .and_then(|layers| layers.sets(options.set.iter().cloned()).resolve::<Config>())
         .map_err(|e| DemoError::Input(format!("config: {e}")))?;
+    method::check(&resolved.value)?;
     if options.out.is_file() {
         return Err(DemoError::Input(format!("{}: is a file; choose another --out", options.out.display())));
     }
@@ -123,7 +128,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
     let started = Instant::now();
     let splits = [SplitName::Train, SplitName::Test];
     let open = OpenOptions { downscale: resolved.value.data.downscale, splits: &splits, max_views: None };
-    let dataset = Dataset::open(&data, &open).map_err(failed("train"))?;
+    let dataset = Dataset::open(&data, &open).map_err(TrainError::Data)?;
     std::fs::create_dir_all(&run_folder).map_err(failed("train"))?;
     let lock = RunLock::acquire(&run_folder, COMMAND, Work::Long).map_err(|e| match e {
         LockError::Held { .. } => DemoError::Input(e.to_string()),
@@ -138,8 +143,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
         stop_after: None,
     };
     let outcome =
-        method::train(&resolved.value, &dataset, &options.device.1, &run_options, Some(&lock), stop, &mut NoObserver)
-            .map_err(failed("train"))?;
+        method::train(&resolved.value, &dataset, &options.device.1, &run_options, Some(&lock), stop, &mut NoObserver)?;
     if !outcome.complete {
         return Err(DemoError::Interrupted);
     }

@@ -185,9 +185,9 @@ fn cores() -> f64 {
     std::thread::available_parallelism().map_or(1.0, |n| usize::from(n) as f64)
 }
 
-/// Estimates what is left of `runs`, `jobs` at a time.
+/// Estimates what is left of `runs`, `jobs` at a time; failed runs count if they are tried again (`retry`).
 #[must_use]
-pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize) -> Estimate {
+pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize, retry: bool) -> Estimate {
     let cores = cores();
     // its cost, and that of its segments that are not measured yet
     let of = |i: usize, run: &Run| -> Option<(Cost, f64)> {
@@ -213,7 +213,12 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize) -> Estimate {
             let threads = record.threads as f64;
             ratios.push(record.training_seconds * threads * BUSY / cost.cpu_seconds.max(1e-9));
         }
-        if runs.contains(&i) && progress(plan, i) == Progress::Open {
+        let is_open = match progress(plan, i) {
+            Progress::Done => false,
+            Progress::Failed(_) => retry,
+            Progress::Open => true,
+        };
+        if runs.contains(&i) && is_open {
             open += 1;
             // what is trained is only measured
             seconds += if trained { 0.0 } else { wall(cost.cpu_seconds) };
@@ -260,7 +265,7 @@ mod tests {
     fn times_of_another_build_correct_the_estimate_but_its_runs_are_still_to_do() {
         let dir = tempfile::tempdir().unwrap();
         let plan = plan_in(dir.path(), "[0, 1]", 5);
-        let of = |runs: &[usize]| estimate(&plan, runs, 1);
+        let of = |runs: &[usize]| estimate(&plan, runs, 1, false);
         assert_eq!(of(&[0, 1]).correction, 1.0);
         let folder = plan.runs_folder.join(key(parts(&plan.runs[0].key).0, "aaaaaaaaaaaaaaaa"));
         std::fs::create_dir_all(folder.join("checkpoints/step-000002")).unwrap();
@@ -282,11 +287,11 @@ mod tests {
     fn a_run_that_is_trained_but_not_measured_takes_no_training() {
         let dir = tempfile::tempdir().unwrap();
         let plan = plan_in(dir.path(), "[0]", 5);
-        let before = estimate(&plan, &[0], 1);
+        let before = estimate(&plan, &[0], 1, false);
         std::fs::create_dir_all(plan.run_folder(0)).unwrap();
         let record = RunRecord { status: "complete".into(), threads: 2, training_seconds: 1e4, ..RunRecord::default() };
         write(&plan.run_folder(0).join("run.json"), &record).unwrap();
-        let after = estimate(&plan, &[0], 1);
+        let after = estimate(&plan, &[0], 1, false);
         assert_eq!((before.open, after.open), (1, 1), "it is still to be measured");
         assert!(after.correction > 100.0 && after.seconds < before.seconds && after.seconds > REPORT, "{after:?}");
     }
@@ -323,7 +328,7 @@ mod tests {
     }
 
     fn seconds(plan: &Plan) -> f64 {
-        estimate(plan, &(0..plan.runs.len()).collect::<Vec<_>>(), 1).seconds
+        estimate(plan, &(0..plan.runs.len()).collect::<Vec<_>>(), 1, false).seconds
     }
 
     #[test]
@@ -387,6 +392,6 @@ mod tests {
         assert!(one > REPORT + START / cores, "{one}");
         assert!(four - one > 3.0 * START / cores, "{one} {four}");
         assert!(seconds(&plan("[0]", 500)) > one + 495.0 * PER_VIEW / cores);
-        assert_eq!(estimate(&plan("[0]", 5), &[], 1).seconds, 0.0, "nothing is left to do");
+        assert_eq!(estimate(&plan("[0]", 5), &[], 1, false).seconds, 0.0, "nothing is left to do");
     }
 }

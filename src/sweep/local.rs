@@ -112,7 +112,8 @@ pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tal
     Ok(tally)
 }
 
-fn steps_done(folder: &Path) -> usize {
+/// Steps of the newest checkpoint of the run in `folder`; 0 without one.
+pub fn steps_done(folder: &Path) -> usize {
     crate::train::checkpoint::list(folder).last().map_or(0, |(step, _)| *step)
 }
 

@@ -11,6 +11,7 @@ use crate::sweep::claim::holder;
 use crate::sweep::collect::collect;
 use crate::sweep::halving;
 use crate::sweep::key::parts;
+use crate::sweep::local::steps_done;
 use crate::sweep::result::{Progress, live_psnr, metrics_in, metrics_path, progress, read_metrics};
 use crate::sweep::slurm::{Tools, queue};
 use clap::Args;
@@ -72,14 +73,15 @@ impl StatusArgs {
         } else {
             BTreeMap::new()
         };
-        let stopped = halving::stopped(&dir);
+        // the file may be of an earlier plan of this sweep
+        let stopped = if plan.halving.is_some() { halving::stopped(&dir) } else { BTreeMap::default() };
         let others = OtherBuilds::find(&plan);
         let psnr_in = |path: &Path| read_metrics(path).and_then(|m| m.metrics.get("psnr").copied());
         let status = |task: usize| -> RunStatus {
             let run = &plan.runs[task];
             let folder = plan.run_folder(task);
             let live = live_psnr(&folder, usize::MAX);
-            let step = live.map_or(0, |(s, _)| s);
+            let step = live.map_or(0, |(s, _)| s).max(steps_done(&folder));
             let psnr = psnr_in(&metrics_path(&plan, task)).or(live.map(|(_, p)| p));
             let (state, mut detail) = match (progress(&plan, task), stopped.get(&run.key), queued.get(&task)) {
                 (Progress::Done, ..) => ("done", String::new()),

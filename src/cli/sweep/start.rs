@@ -186,7 +186,7 @@ impl StartArgs {
     }
 
     fn show(&self, plan: &Plan, runs: &[usize]) -> Result<(), CliError> {
-        let total = estimate(plan, runs, self.jobs);
+        let total = estimate(plan, runs, self.jobs, self.rerun_failed);
         if self.json {
             #[derive(Serialize)]
             struct Shown<'a> {
@@ -209,6 +209,7 @@ impl StartArgs {
             let run = &plan.runs[i];
             let state = match progress(plan, i) {
                 Progress::Done => "done",
+                Progress::Failed(_) if self.rerun_failed => "retry",
                 Progress::Failed(_) => "failed",
                 Progress::Open => "to do",
             };

@@ -26,7 +26,7 @@ pub struct SegmentOptions {
     pub oracle: bool,
     /// Source of the masks.
     pub masks: MaskKind,
-    /// Number of views with masks; unused for [`MaskKind::Labels`], whose views are those of the dataset.
+    /// Number of views with masks; for [`MaskKind::Labels`] at most this many of the dataset's views.
     pub views: usize,
     /// Take these views within an angle (radians) of an axis, instead of on the whole sphere.
     pub bias: Option<(Axis, f64)>,

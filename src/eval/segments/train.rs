@@ -150,7 +150,13 @@ impl Trainers<'_> {
 
     /// Returns the number of views that have masks.
     pub fn mask_views(&self) -> usize {
-        if self.options.masks == MaskKind::Labels { self.views.len() } else { self.options.views }
+        if self.options.masks == MaskKind::Labels { self.labelled().count() } else { self.options.views }
+    }
+
+    /// Returns the labelled views that serve as masks: all, or as many as requested, evenly spaced.
+    fn labelled(&self) -> impl Iterator<Item = &Labelled> {
+        let (all, count) = (self.views.len(), self.options.views.min(self.views.len()));
+        (0..count).map(move |k| &self.views[k * all / count])
     }
 
     /// Returns the groups to draw alone: each colour, if `coarse+fine` is requested, and the whole scene, if another
@@ -170,7 +176,7 @@ impl Trainers<'_> {
     fn shots(&self) -> Result<Vec<Shot>, String> {
         if self.options.masks == MaskKind::Labels {
             let shot = |v: &Labelled| Shot { file: v.view.name.clone(), camera: v.view.camera.clone() };
-            return Ok(self.views.iter().map(shot).collect());
+            return Ok(self.labelled().map(shot).collect());
         }
         let camera = &self.views.first().ok_or("no labelled views at this time")?.view.camera;
         let lens = Lens { fov_x: camera.fov_x(), width: camera.width, height: camera.height };
@@ -190,7 +196,7 @@ impl Trainers<'_> {
         match &self.options.masks {
             MaskKind::Regions => MaskOrigin::Regions(RegionOptions::default()),
             MaskKind::Labels => {
-                MaskOrigin::Labels(self.truth.clone(), self.views.iter().map(|v| v.view.clone()).collect())
+                MaskOrigin::Labels(self.truth.clone(), self.labelled().map(|v| v.view.clone()).collect())
             }
             MaskKind::Dir(path) => MaskOrigin::Dir { path: path.clone(), others: Vec::new() },
             MaskKind::Sam { weights, points } => MaskOrigin::Sam { weights: weights.clone(), points: *points },
