@@ -2,6 +2,7 @@
 
 use super::serving::{ServingArgs, explain};
 use super::{CliError, Common, stop_flag};
+use crate::view::listen::Serving;
 use crate::view::{ViewOptions, serve};
 use clap::Args;
 use std::path::PathBuf;
@@ -37,7 +38,14 @@ impl ViewCommand {
         };
         let stop = stop_flag("closing the viewer")?;
         serve(&options, &stop, |serving| {
-            outln!("{}", serving.url);
+            if self.common.json {
+                let Serving { url, address, socket } = serving;
+                // an address without the file name's odd bytes is still an address
+                let socket = socket.as_ref().map(|path| path.to_string_lossy());
+                outln!("{}", serde_json::json!({ "url": url, "address": address.to_string(), "socket": socket }));
+            } else {
+                outln!("{}", serving.url);
+            }
             explain(serving, "Ctrl-C ends the viewer");
         })?;
         Ok(())

@@ -5,6 +5,7 @@
 //! this address (DNS rebinding); checking `Origin` stops one that opens a websocket to it, which sends the cookie
 //! along.
 
+use sha2::{Digest, Sha256};
 use std::net::IpAddr;
 use subtle::ConstantTimeEq;
 
@@ -50,17 +51,20 @@ impl std::fmt::Debug for Token {
 #[derive(Clone, Debug)]
 pub struct Guard {
     token: Token,
-    /// Name of the cookie: one per server, as browsers do not distinguish cookies of two ports.
+    /// Name of the cookie: one per server, even if ssh forwards several from the same port, as browsers do not
+    /// distinguish cookies of two ports.
     cookie: String,
     /// Names under which the server may be reached, in addition to those of the machine itself.
     hosts: Vec<String>,
 }
 
 impl Guard {
-    /// Makes the rules of a server at `port`, also reachable as any of `hosts` (names or addresses, without ports).
+    /// Makes the rules of a server, also reachable as any of `hosts` (names or addresses, without ports).
     #[must_use]
-    pub fn new(token: Token, port: u16, hosts: Vec<String>) -> Self {
-        Self { token, cookie: format!("volseggs-{port}"), hosts }
+    pub fn new(token: Token, hosts: Vec<String>) -> Self {
+        let digest = Sha256::digest(token.text());
+        let cookie = digest.iter().take(4).fold("volseggs-".to_owned(), |name, byte| format!("{name}{byte:02x}"));
+        Self { token, cookie, hosts }
     }
 
     /// Whether `Host` names this server: the loopback, or one of the allowed names. The port does not matter, as ssh
@@ -126,7 +130,7 @@ mod tests {
     use super::*;
 
     fn guard() -> Guard {
-        Guard::new(Token("00112233445566778899aabbccddeeff".into()), 8137, vec!["node7".into()])
+        Guard::new(Token("00112233445566778899aabbccddeeff".into()), vec!["node7".into()])
     }
 
     #[test]
@@ -168,9 +172,12 @@ mod tests {
         let pair = right.split(';').next().unwrap();
         assert!(right.contains("HttpOnly") && right.contains("SameSite=Strict"));
         assert!(guard().allows_cookie(Some(pair)) && guard().allows_cookie(Some(&format!("a=b; {pair}; c=d"))));
-        for wrong in ["", "volseggs-8137", "volseggs-8137=0", "volseggs-1=00112233445566778899aabbccddeeff", "=;=;"] {
+        let name = pair.split('=').next().unwrap();
+        for wrong in ["", name, &format!("{name}=0"), "volseggs-1=00112233445566778899aabbccddeeff", "=;=;"] {
             assert!(!guard().allows_cookie(Some(wrong)), "{wrong}");
         }
+        let other = Guard::new(Token("f".repeat(32)), Vec::new()).set_cookie();
+        assert_ne!(other.split('=').next().unwrap(), name, "the cookies of two servers do not replace each other");
         assert!(!guard().allows_cookie(None));
     }
 }

@@ -52,6 +52,12 @@ pub struct Client {
     pub frame: u32,
 }
 
+/// The part of a look's key that follows from the view.
+fn shown(view: &View, side: Side) -> String {
+    let View { look, palette, alone, hidden, edits, range, .. } = view;
+    format!("{:?} {look} {palette:?} {alone:?} {hidden:?} {edits} {range:?} ", side.run())
+}
+
 /// What is selected.
 #[derive(Clone, Debug)]
 pub struct Clicked {
@@ -143,9 +149,8 @@ impl Client {
     /// # Errors
     /// If the look or a segment is unknown.
     pub fn look(&mut self, space: &Workspace, view: &View, side: Side) -> Result<(&mut Look, String), RunError> {
-        let View { look, palette, alone, hidden, edits, range, .. } = view;
         let run = side.run();
-        let key = format!("{run:?} {look} {palette:?} {alone:?} {hidden:?} {edits} {range:?} {}", space.revision());
+        let key = format!("{}{}", shown(view, side), space.revision());
         let found = &mut self.looks[side.place()];
         if found.as_ref().is_none_or(|(k, _)| *k != key) {
             let view = usable(space, view);
@@ -188,9 +193,11 @@ impl Client {
         Ok(view)
     }
 
-    /// Values at the ends of the colour scale that it sees.
+    /// Values at the ends of the colour scale that it sees; `None` if what it wants to see has not been drawn yet.
     pub fn range(&self) -> Option<[f32; 2]> {
-        self.looks[0].as_ref().and_then(|(_, look)| look.legend()).and_then(|l| l.range)
+        let wanted = shown(self.view.as_ref()?, Side::Picture);
+        let (_, look) = self.looks[0].as_ref().filter(|(key, _)| key.starts_with(&wanted))?;
+        look.legend().and_then(|l| l.range)
     }
 
     /// Sends why there is no second picture, if that changed.

@@ -142,7 +142,7 @@ impl Listening {
         if !address.ip().is_unspecified() {
             hosts.push(address.ip().to_string());
         }
-        let guard = Guard::new(token, address.port(), hosts);
+        let guard = Guard::new(token, hosts);
         Ok(Self { runtime, listener, guard, serving: Serving { address, socket: reach.socket.clone(), url } })
     }
 

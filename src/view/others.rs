@@ -82,6 +82,8 @@ fn differences(run: &OpenRun, other: &OpenRun) -> Option<String> {
     let [ours, theirs] = [run, other].map(|r| r.config.stages.joint_steps);
     if theirs == 0 && ours > 0 {
         found.push("it is a static scene, the same at all times".to_owned());
+    } else if ours == 0 && theirs > 0 {
+        found.push("it changes over time, while this run is a static scene".to_owned());
     }
     let place = |r: &OpenRun| {
         let size = r.scene.spec.half_size.into_iter().fold(f32::MIN_POSITIVE, f32::max);

@@ -6,7 +6,7 @@ use super::page::{FILES, MODULES, PageFile};
 use super::protocol::{Answer, FrameInfo, LONGEST, Request};
 use crate::words::plain;
 use axum::Router;
-use axum::body::Body;
+use axum::body::{Body, Bytes};
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Request as HttpRequest, State};
 use axum::http::header::{self, HeaderName};
@@ -16,10 +16,10 @@ use axum::response::IntoResponse;
 use axum::routing::get;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 use tokio::task::spawn_blocking;
-use tokio::time::timeout;
+use tokio::time::{interval, timeout};
 
 /// Maximum number of clients at once.
 const MAX_CLIENTS: usize = 8;
@@ -27,6 +27,10 @@ const MAX_CLIENTS: usize = 8;
 const QUEUE: usize = 256;
 /// Maximum time that a client may take for a message.
 const PATIENCE: Duration = Duration::from_secs(30);
+/// Time between two pings, which a browser answers by itself.
+const BEAT: Duration = Duration::from_secs(20);
+/// Time without any message or answer after which a client is taken for gone: its connection may be half open.
+const SILENCE: Duration = Duration::from_secs(60);
 /// What a page may load, and from where: only from this server.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' blob:; \
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
@@ -101,13 +105,23 @@ async fn socket(State(shared): State<Shared>, headers: HeaderMap, upgrade: WebSo
     }
     if shared.here.fetch_add(1, Ordering::SeqCst) >= MAX_CLIENTS {
         shared.here.fetch_sub(1, Ordering::SeqCst);
-        return (StatusCode::SERVICE_UNAVAILABLE, "too many windows are open; close one").into_response();
+        // a page sees the messages of a socket, but not why one was refused
+        return upgrade.on_upgrade(refuse);
     }
     let here = Here(shared.here.clone());
     upgrade.max_message_size(LONGEST).max_frame_size(LONGEST).on_upgrade(move |socket| async move {
         talk(socket, &shared).await;
         drop(here);
     })
+}
+
+/// Ends the connection of one client too many.
+async fn refuse(mut socket: WebSocket) {
+    let why = "too many windows are open; close one, then reload this page".to_owned();
+    let last = message(Outgoing::Text(Box::new(Answer::Ended { message: why }))).await;
+    if matches!(timeout(PATIENCE, socket.send(last)).await, Ok(Ok(()))) {
+        close(socket).await;
+    }
 }
 
 /// Counts a client until it is dropped.
@@ -125,13 +139,22 @@ async fn talk(mut socket: WebSocket, shared: &Shared) {
     let (out, mut answers) = mpsc::channel(QUEUE);
     shared.hub.tell(id, Event::Came(out.clone()));
     let mut ended = false;
+    let (mut beat, mut heard) = (interval(BEAT), Instant::now());
     loop {
         let go_on = tokio::select! {
-            message = socket.recv() => match message {
-                Some(Ok(Message::Text(text))) => hear(shared, id, text.as_str(), &out).await,
-                Some(Ok(Message::Ping(_) | Message::Pong(_))) => true,
-                _ => false,
-            },
+            message = socket.recv() => {
+                let go_on = match message {
+                    Some(Ok(Message::Text(text))) => hear(shared, id, text.as_str(), &out).await,
+                    Some(Ok(Message::Ping(_) | Message::Pong(_))) => true,
+                    _ => false,
+                };
+                heard = Instant::now();
+                go_on
+            }
+            _ = beat.tick() => {
+                let ping = async { timeout(PATIENCE, socket.send(Message::Ping(Bytes::new()))).await };
+                heard.elapsed() < SILENCE && matches!(ping.await, Ok(Ok(())))
+            }
             answer = answers.recv() => match answer {
                 Some(answer) => {
                     ended = answer.is_last();

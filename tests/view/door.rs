@@ -1,6 +1,6 @@
 //! Access to the viewer: every combination of host, origin and token; messages that are too long or malformed.
 
-use crate::socket::{Server, Window, connect};
+use crate::socket::{Server, Window, connect, cookie_name};
 use crate::{run, view};
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -22,7 +22,7 @@ fn only_requests_to_this_server_with_its_token_are_accepted() {
     let (cookie, port) = (format!("Cookie: {}\r\n", server.cookie()), server.port);
     let here = format!("Host: localhost:{port}\r\n");
     let elsewhere = "Host: evil.example\r\n".to_owned();
-    let wrong = format!("Cookie: volseggs-{port}={}\r\n", "0".repeat(32));
+    let wrong = format!("Cookie: {}={}\r\n", server.cookie_name(), "0".repeat(32));
     for path in ["/", "/app.js", "/style.css", "/camera.js"] {
         for (headers, status) in [
             (format!("{here}{cookie}"), "200"),
@@ -61,7 +61,7 @@ fn only_requests_to_this_server_with_its_token_are_accepted() {
     for (origin, allowed) in
         [(&own[..], true), ("http://evil.example", false), (&other_port, false), ("null", false), ("", false)]
     {
-        for (given, known) in [(&cookie[..], true), ("", false), (&format!("volseggs-{port}=00"), false)] {
+        for (given, known) in [(&cookie[..], true), ("", false), (&format!("{}=00", server.cookie_name()), false)] {
             let opened = connect(&server, &[("Cookie", given), ("Origin", origin)]);
             assert_eq!(opened.is_ok(), allowed && known, "{origin} {given}");
         }
@@ -102,7 +102,10 @@ fn invalid_messages_are_answered_and_oversized_ones_end_the_connection() {
     // nine windows are one too many
     let more: Vec<_> = (0..7).map(|_| connect(&server, &[("Cookie", &server.cookie())])).collect();
     assert!(more.iter().filter(|w| w.is_ok()).count() >= 6);
-    assert!(connect(&server, &[("Cookie", &server.cookie())]).is_err());
+    let mut last = connect(&server, &[("Cookie", &server.cookie())]).unwrap();
+    let said = last.read().unwrap().into_text().unwrap();
+    assert!(said.contains("\"ended\"") && said.contains("too many windows are open"), "{said}");
+    assert!(last.read().unwrap().is_close());
 }
 
 #[cfg(unix)]
@@ -136,7 +139,7 @@ fn a_socket_file_is_private_to_its_owner_and_removed_at_the_end() {
         answer
     };
     assert!(ask("").starts_with("HTTP/1.1 403"));
-    assert!(ask(&format!("Cookie: volseggs-9000={token}\r\n")).starts_with("HTTP/1.1 200"));
+    assert!(ask(&format!("Cookie: {}={token}\r\n", cookie_name(token))).starts_with("HTTP/1.1 200"));
     let second = start().wait_with_output().unwrap();
     let said = String::from_utf8(second.stderr).unwrap();
     assert!(second.status.code() == Some(2) && said.contains("another viewer listens there"), "{said}");

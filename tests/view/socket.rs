@@ -2,6 +2,7 @@
 
 use crate::common::BINARY;
 use serde_json::Value;
+use sha2::{Digest, Sha256};
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
 use std::path::Path;
@@ -62,7 +63,12 @@ impl Server {
     }
 
     pub fn cookie(&self) -> String {
-        format!("volseggs-{}={}", self.port, self.token)
+        format!("{}={}", self.cookie_name(), self.token)
+    }
+
+    /// Returns the name of its cookie.
+    pub fn cookie_name(&self) -> String {
+        cookie_name(&self.token)
     }
 }
 
@@ -252,6 +258,12 @@ impl Window {
 
 /// Opens a websocket to the server as its own page would, with `headers` replacing the usual ones; an empty one is
 /// omitted.
+/// Returns the name of the cookie of a server with this token.
+pub fn cookie_name(token: &str) -> String {
+    let digest = Sha256::digest(token);
+    format!("volseggs-{:02x}{:02x}{:02x}{:02x}", digest[0], digest[1], digest[2], digest[3])
+}
+
 pub fn connect(server: &Server, headers: &[(&str, &str)]) -> tungstenite::Result<WebSocket<MaybeTlsStream<TcpStream>>> {
     let url = format!("ws://localhost:{}/ws", server.port);
     let mut request = url.into_client_request()?;

@@ -1,7 +1,6 @@
 //! Files for other programs, as `export` writes them, in the run folder.
 
 use super::board::Reporter;
-use crate::export::labels::Space;
 use crate::run::export::{LabelFormat, Output, Record, SplatFormat, write_labels, write_splats};
 use crate::run::labels::{LabelPlan, Labels};
 use crate::run::selection::Selection;
@@ -29,7 +28,7 @@ impl FileFormat {
         match self {
             Self::Ply => SplatFormat::Ply.extension(),
             Self::Spz => SplatFormat::Spz.extension(),
-            Self::Nrrd => LabelFormat::Nrrd(Space::default()).extension(),
+            Self::Nrrd => LabelFormat::Nrrd(None).extension(),
             Self::Vti => LabelFormat::Vti.extension(),
         }
     }
@@ -58,7 +57,7 @@ impl Export<'_> {
         match self.format {
             FileFormat::Ply => self.splats(run, SplatFormat::Ply, report),
             FileFormat::Spz => self.splats(run, SplatFormat::Spz, report),
-            FileFormat::Nrrd => self.labels(run, LabelFormat::Nrrd(Space::default()), report),
+            FileFormat::Nrrd => self.labels(run, LabelFormat::Nrrd(None), report),
             FileFormat::Vti => self.labels(run, LabelFormat::Vti, report),
         }
     }

@@ -16,13 +16,13 @@ function turn(v, axis, angle) {
 
 export class Camera {
   constructor(centre, radius, fov) {
-    this.home = { centre, radius };
-    this.fov = fov;
+    this.home = { centre, radius, fov };
     this.reset();
   }
 
   reset() {
-    const { centre, radius } = this.home;
+    const { centre, radius, fov } = this.home;
+    this.fov = fov;
     this.look(centre, unit([1, -0.25, 0.35]), radius);
   }
 

@@ -45,7 +45,8 @@ $("hold").onchange = () => {
 $("reset").onclick = () => { app.camera.reset(); look(false); };
 for (const button of document.querySelectorAll("[data-axis]")) {
   button.onclick = () => {
-    const { centre, radius } = app.camera.home;
+    const { centre, radius, fov } = app.camera.home;
+    app.camera.fov = fov;
     app.camera.look(centre, button.dataset.axis.split(",").map(Number), radius);
     look(false);
   };

@@ -33,7 +33,17 @@ export async function click(e) {
   $("marker").hidden = false;
   look(false);
   const combine = e.shiftKey ? "add" : e.altKey ? "remove" : "replace";
-  await ask({ type: "pick", pixel, within: null, meaning: null, combine }).catch((message) => say(message, true));
+  await choose({ type: "pick", pixel, within: null, meaning: null, combine });
+}
+
+// grows when the selection is cleared; what was asked for before that is not shown
+let clears = 0;
+async function choose(request) {
+  const before = clears;
+  const found = await ask(request).catch((message) => say(message, true));
+  if (!found || clears !== before) return;
+  selected(found);
+  tell("picked", found);
 }
 
 function selected(message) {
@@ -65,7 +75,7 @@ async function adjust(meaning) {
   if (!app.picked) return;
   if (adjusting) { next = meaning; return; }
   adjusting = true;
-  await ask({ type: "adjust", meaning }).catch((message) => say(message, true));
+  await choose({ type: "adjust", meaning });
   adjusting = false;
   if (next) { const m = next; next = null; adjust(m); }
 }
@@ -78,6 +88,8 @@ $("cosine").oninput = byHand;
 
 export function clear() {
   app.picked = null;
+  next = null;
+  clears += 1;
   stale();
   $("marker").hidden = true;
   $("refine").hidden = true;
@@ -92,17 +104,15 @@ $("commit").onsubmit = async (e) => {
   const name = $("name").value.trim();
   if (!app.picked) return say("Click on something first.", true);
   if (!name) return say("Enter a name for the segment.", true);
+  const committed = app.picked;
   await ask({ type: "commit", base: app.doc.revision, name }).then(() => {
     $("name").value = "";
-    clear();
+    // a click made meanwhile stays
+    if (app.picked === committed) clear();
     say(`${name} is now a segment.`);
   }).catch((message) => say(message, true));
 };
 
-hear("picked", (message) => {
-  selected(message);
-  tell("picked", message);
-});
 // the next connection does not know the selection
 hear("closed", () => app.picked && clear());
 let scene = null;
