@@ -25,7 +25,7 @@ pub struct InspectArgs {
     /// Volume file, folder or glob of volumes, dataset folder, run folder, .ply or .safetensors file.
     path: PathBuf,
     /// Transfer function to draw over a volume's histogram: a .toml or .json file, or a preset.
-    #[arg(long, value_name = "TF")]
+    #[arg(long, value_name = "TF", requires = "picture")]
     transfer_function: Option<String>,
     /// Draw the camera layout of a dataset, or the histogram of a volume, into this PNG file.
     #[arg(long, value_name = "FILE")]
@@ -129,18 +129,9 @@ impl InspectArgs {
         let record = std::fs::read_to_string(RunPaths(&self.path).record())
             .ok()
             .and_then(|text| serde_json::from_str::<serde_json::Value>(&text).ok());
-        let check = |checkpoint: &Path| {
-            // a packed copy has no state of the optimiser
-            let is_packed = checkpoint::read_state(checkpoint).is_ok_and(|state| state.packed);
-            let names = [RunPaths::SCENE, "optimizer.safetensors"];
-            names[..if is_packed { 1 } else { 2 }].iter().try_for_each(|name| {
-                let path = checkpoint.join(name);
-                refuse_not_finite(&path, &read_tensors(&path)?.0)
-            })
-        };
         let recorded = record.as_ref().and_then(|record| record["status"].as_str());
         let status = recorded.map(|recorded| status(&self.path, recorded));
-        let steps = live::read_all(&self.path, check).map_err(CliError::input)?;
+        let steps = live::read_all(&self.path, checkpoint::check_tensors).map_err(CliError::input)?;
         self.show(&json!({ "kind": "run", "status": status, "record": record, "checkpoints": steps, "readable": steps.len() }))
     }
 

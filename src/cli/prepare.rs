@@ -64,7 +64,7 @@ pub struct PrepareArgs {
     /// Distance of the cameras from the centre.
     #[arg(long, default_value_t = RADIUS, value_name = "DISTANCE", value_parser = positive, allow_negative_numbers = true)]
     radius: f64,
-    /// Length of the volume's longest side; half the shorter side of the frame if not given.
+    /// Length of the volume's longest side; half the shorter side of the frame, but at most the radius, if not given.
     #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
     side: Option<f64>,
     /// Number of training times, evenly spaced over the series.
@@ -126,7 +126,7 @@ impl PrepareArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let source = self.source()?;
         let transfer = self.transfer()?;
-        let options = self.options(&source, &transfer)?;
+        let options = self.options()?;
         errln!(
             "{}; transfer function {}; {} images of {}x{}",
             source.describe(),
@@ -235,23 +235,12 @@ impl PrepareArgs {
         Ok(transfer)
     }
 
-    fn options(&self, source: &Source, transfer: &TransferFunction) -> Result<PrepareOptions, CliError> {
-        let is_known = source.label_kind().is_some() || !transfer.segments.is_empty();
-        if self.segment_steps.is_some() && (!is_known || self.segment_views == 0) {
-            return Err(CliError::input(
-                "--segment-steps: no segment is rendered; give --labels, --components or a transfer function with \
-                 [[segments]], and --segment-views above 0",
-            ));
-        }
-        let segment_steps = self.segment_steps.clone().unwrap_or_default();
-        if let SegmentSteps::These(list) = &segment_steps
-            && let Some(step) = list.iter().find(|s| **s >= source.len())
-        {
-            return Err(CliError::input(format!("--segment-steps {step}: the series has {} steps", source.len())));
-        }
+    fn options(&self) -> Result<PrepareOptions, CliError> {
         // of the shorter side of the frame, or wide images would cut the volume off
         let shorter = (f64::from(self.size[1]) / f64::from(self.size[0])).min(1.0);
-        let side = self.side.unwrap_or_else(|| shorter * self.radius * (0.5 * self.fov).to_radians().tan());
+        // and at most the radius, as the cameras must stand outside the volume
+        let of_frame = shorter * (0.5 * self.fov).to_radians().tan();
+        let side = self.side.unwrap_or_else(|| self.radius * of_frame.min(1.0));
         if self.side.is_none() && !LENGTHS.contains(&side) {
             return Err(CliError::input(format!(
                 "--radius {:?} with --fov {:?}: half the frame is {side:e} there; use lengths from {:e} to {:e}",
@@ -277,7 +266,7 @@ impl PrepareArgs {
             step: self.sample_step,
             segments: SegmentOptions {
                 views: self.segment_views,
-                steps: segment_steps,
+                steps: self.segment_steps.clone().unwrap_or_default(),
                 label_images: !self.no_label_images,
             },
             replace: self.replace,

@@ -81,7 +81,9 @@ impl RaycastArgs {
 /// The cost of the volumes, measured in a process started like this one, since peak memory is counted per process.
 fn volumes_alone(downscale: u32) -> Result<VolumeCosts, CliError> {
     let mut command = Command::new(program::executable());
-    command.args(std::env::args_os().skip(1)).args(["--volumes-alone", &downscale.to_string()]);
+    let mut given = std::env::args_os().skip(1);
+    // right after the subcommand, as the arguments may end in `-- RUN`
+    command.args(given.next()).args(["--volumes-alone", &downscale.to_string()]).args(given);
     let output = command.stdin(Stdio::null()).output().map_err(CliError::failure)?;
     if !output.status.success() {
         let message = String::from_utf8_lossy(&output.stderr);

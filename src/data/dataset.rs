@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::camera::Camera;
 use super::error::DataError;
 use super::images::{ImageSet, common_size, downscaled_size, image_error};
-use super::transforms::{Transforms, read_text};
+use super::transforms::{Intrinsics, Transforms, frame_names, read_text};
 use crate::files::read_regular;
 
 /// The splits a dataset may have.
@@ -263,14 +263,15 @@ fn outline(
     let kept: Vec<usize> = (0..count).map(|i| i * total / count).collect();
     let first = json.frames[kept[0]].image_path(root);
     let full = common_size(&json.path, std::slice::from_ref(&first)).map_err(|e| renumber(e, &kept))?;
-    check_aspect(json, full)?;
+    check_aspect(&json.path, &json.intrinsics, full)?;
     let (width, height) = downscaled_size(&json.path, full, downscale)?;
+    let names = frame_names(&json.frames);
     let frames = kept
         .iter()
         .map(|i| {
             let record = &json.frames[*i];
             let camera = json.intrinsics.camera(full.0, full.1, record.camera_to_world).downscaled(downscale);
-            Frame { name: record.name(), path: record.image_path(root), camera, time: record.time }
+            Frame { name: names[*i].clone(), path: record.image_path(root), camera, time: record.time }
         })
         .collect();
     let images = ImageSet { width, height, pixels: Vec::new() };
@@ -278,8 +279,8 @@ fn outline(
 }
 
 /// The images may be a scaled copy of the `w` x `h` given in the JSON, but not a cropped one.
-fn check_aspect(json: &Transforms, (width, height): (u32, u32)) -> Result<(), DataError> {
-    let (Some(w), Some(h)) = (json.intrinsics.w, json.intrinsics.h) else {
+pub(super) fn check_aspect(path: &Path, intrinsics: &Intrinsics, (width, height): (u32, u32)) -> Result<(), DataError> {
+    let (Some(w), Some(h)) = (intrinsics.w, intrinsics.h) else {
         return Ok(());
     };
     let (sx, sy) = (f64::from(width) / w, f64::from(height) / h);
@@ -288,7 +289,7 @@ fn check_aspect(json: &Transforms, (width, height): (u32, u32)) -> Result<(), Da
     }
     let problem = format!("the aspect ratio of {w}x{h} differs from that of the images, {width}x{height}");
     let hint = "correct `w` and `h`, or render the images at that aspect ratio";
-    Err(DataError::field_error(&json.path, None, "w", problem, hint))
+    Err(DataError::field_error(path, None, "w", problem, hint))
 }
 
 /// 16 hexadecimal digits that identify what runs are measured on: as [`Dataset::fingerprint`], but of the test views

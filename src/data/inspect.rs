@@ -92,7 +92,7 @@ impl Report {
     }
 
     /// A check that fails with `problems`, or passes with `fine`.
-    fn check_list(&mut self, split: &str, what: &str, problems: Vec<String>, fine: impl Into<String>) {
+    pub(super) fn check_list(&mut self, split: &str, what: &str, problems: Vec<String>, fine: impl Into<String>) {
         let detail = if problems.is_empty() { fine.into() } else { summary(&problems) };
         self.check(split, what, problems.is_empty(), detail);
         self.problems.extend(problems);
@@ -140,7 +140,7 @@ fn inspect_split(report: &mut Report, root: &Path, name: SplitName, text: &str) 
         scan.frames.iter().enumerate().filter_map(|(i, f)| f.as_ref().map(|f| (i, f))).collect();
     images(report, &mut facts, root, &path, &records);
     times(report, &mut facts, &records);
-    cameras(report, &mut facts, &scan, &records);
+    cameras(report, &mut facts, &path, &scan, &records);
     report.splits.push(facts);
 }
 
@@ -188,7 +188,8 @@ fn images(report: &mut Report, facts: &mut SplitFacts, root: &Path, json: &Path,
             () if full >= 1.0 => "; no transparency: the bounding box of the data cannot be derived from the images",
             () => "",
         };
-        report.check(&name, "alpha", hint.is_empty(), shares + hint);
+        // images without transparency can be trained on
+        report.check(&name, "alpha", some > 0.0, shares + hint);
     }
 }
 

@@ -51,6 +51,27 @@ fn all_problems_are_gathered() {
 }
 
 #[test]
+fn what_training_refuses_fails_and_what_it_accepts_passes() {
+    let folder = dataset(8, 16);
+    for i in 0..8 {
+        let path = folder.path().join(format!("train/r_{i}.png"));
+        let mut image = image::open(&path).unwrap().to_rgba8();
+        image.pixels_mut().for_each(|p| p.0[3] = 255);
+        image.save(&path).unwrap();
+    }
+    let report = inspect(folder.path());
+    let alpha = report.checks.iter().find(|c| c.name == "train: alpha").unwrap();
+    assert!(alpha.ok && alpha.detail.contains("no transparency"), "{report:#?}");
+
+    let path = folder.path().join("transforms_train.json");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replacen('{', "{\"fl_x\": 9, \"w\": 18, \"h\": 9,", 1)).unwrap();
+    let report = inspect(folder.path());
+    assert_eq!(failing(&report), ["train: aspect"], "{report:#?}");
+    assert!(report.problems[0].contains("field `w`"), "{:#?}", report.problems);
+}
+
+#[test]
 fn empty_and_missing_folders_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let report = inspect(folder.path());

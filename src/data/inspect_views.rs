@@ -1,9 +1,11 @@
 //! The checks of times, lens and camera layout, from the JSON alone. Used by `inspect` alone.
 
 use super::camera::{Camera, look_at_point};
+use super::dataset::check_aspect;
 use super::inspect::{Report, SplitFacts};
 use super::scan::Scan;
 use super::transforms::FrameRecord;
+use std::path::Path;
 
 /// Checks whether the times are evenly spread, and over all of [0, 1].
 pub(super) fn times(report: &mut Report, facts: &mut SplitFacts, records: &[(usize, &FrameRecord)]) {
@@ -38,7 +40,13 @@ pub(super) fn times(report: &mut Report, facts: &mut SplitFacts, records: &[(usi
 }
 
 /// Checks whether the lens is sane, and whether the cameras look at one point.
-pub(super) fn cameras(report: &mut Report, facts: &mut SplitFacts, scan: &Scan, records: &[(usize, &FrameRecord)]) {
+pub(super) fn cameras(
+    report: &mut Report,
+    facts: &mut SplitFacts,
+    json: &Path,
+    scan: &Scan,
+    records: &[(usize, &FrameRecord)],
+) {
     let [w, h] = facts.resolution.unwrap_or([1, 1]);
     let cameras: Vec<Camera> = records.iter().map(|(_, r)| scan.intrinsics.camera(w, h, r.camera_to_world)).collect();
     let Some(one) = cameras.first() else { return };
@@ -57,6 +65,13 @@ pub(super) fn cameras(report: &mut Report, facts: &mut SplitFacts, scan: &Scan, 
             one.cy
         );
         report.check(&name, "lens", (0.9..1.1).contains(&ratio), detail);
+        let aspect = check_aspect(json, &scan.intrinsics, (w, h));
+        report.check_list(
+            &name,
+            "aspect",
+            aspect.err().iter().map(ToString::to_string).collect(),
+            "that of the images",
+        );
     }
     let found = look_at_point(cameras.iter());
     let centre = found.map_or(glam::DVec3::ZERO, |(p, _)| p);

@@ -93,6 +93,20 @@ impl FrameRecord {
     }
 }
 
+/// A name for each frame: [`FrameRecord::name`], or the path without `./` and `.png` for those that would share one.
+pub(super) fn frame_names(records: &[FrameRecord]) -> Vec<String> {
+    let short: Vec<String> = records.iter().map(FrameRecord::name).collect();
+    let mut counts: HashMap<&str, usize> = HashMap::new();
+    short.iter().for_each(|name| *counts.entry(name).or_default() += 1);
+    let name = |(record, short): (&FrameRecord, &String)| match record.file_path.rsplit_once('/') {
+        Some((folder, _)) if counts[short.as_str()] > 1 => {
+            format!("{}/{short}", folder.strip_prefix("./").unwrap_or(folder))
+        }
+        _ => short.clone(),
+    };
+    records.iter().zip(&short).map(name).collect()
+}
+
 /// The first two frames of `records` (each with its index) that refer to one image file, the later one first.
 pub(crate) fn same_image<'a>(records: impl Iterator<Item = (usize, &'a FrameRecord)>) -> Option<(usize, usize)> {
     let mut first: HashMap<PathBuf, usize> = HashMap::new();

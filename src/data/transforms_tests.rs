@@ -55,6 +55,14 @@ fn extension_is_optional() {
 }
 
 #[test]
+fn frames_of_one_name_are_told_apart_by_their_folders() {
+    let record = |p: &str| FrameRecord { file_path: p.into(), camera_to_world: DMat4::IDENTITY, time: 0.0 };
+    let names = |paths: &[&str]| frame_names(&paths.iter().map(|p| record(p)).collect::<Vec<_>>());
+    assert_eq!(names(&["./test/r_0", "./test/r_1.png"]), ["r_0", "r_1"]);
+    assert_eq!(names(&["./cam0/0001", "cam1/0001.png", "cam1/0002"]), ["cam0/0001", "cam1/0001", "0002"]);
+}
+
+#[test]
 fn bad_poses_are_refused() {
     let m = "transform_matrix";
     refused(|v| v["frames"][1][m][0][0] = json!(null), Some(1), m, "finite");

@@ -82,6 +82,9 @@ impl FolderKind {
         let kind = match path.symlink_metadata() {
             Err(_) if path.file_name().is_none() => return foreign("does not end in a folder name".into()),
             Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),
+            Err(e) if e.kind() == io::ErrorKind::NotADirectory => {
+                return foreign("is below a file, so no folder can be created there".into());
+            }
             found => found.map_err(io)?.file_type(),
         };
         if kind.is_symlink() {

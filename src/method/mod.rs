@@ -51,7 +51,7 @@ pub use d3dgs::D3dgs;
 pub use fourdgs::FourDgs;
 pub use volseggs::VolSegGs;
 
-use crate::config::types::{Config, VOLSEGGS};
+use crate::config::types::{Config, VOLSEGGS, ViewOrder};
 use crate::data::Dataset;
 use crate::files::RunLock;
 use crate::model::SceneError;
@@ -186,7 +186,40 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     let method = of(config)?;
     check_config(config)?;
     check_sections(config, &method).map_err(TrainError::Config)?;
+    if let Some(ignored) = ignored_by_networks(config) {
+        return Err(TrainError::Config(ignored));
+    }
     method.check(config).map_err(TrainError::Config)
+}
+
+/// Methods without Gaussians: of the shared sections they read `[data]` and `[output]` only.
+const NETWORKS: [&str; 3] = ["coordnet", "insitunet", "visnerf"];
+/// The sections that these do not read.
+const OF_GAUSSIANS: [&str; 7] = ["init", "model", "stages", "loss", "optim", "densify", "speed"];
+
+/// What is wrong with the first setting that a method without Gaussians would silently ignore.
+fn ignored_by_networks(config: &Config) -> Option<String> {
+    let method = NETWORKS.into_iter().find(|name| *name == config.method)?;
+    if config.data.background == "random" {
+        return Some(format!("data.background = \"random\": {method} needs one colour; set white, black or a colour"));
+    }
+    if config.data.order != ViewOrder::Shuffled {
+        return Some(format!("data.order: {method} draws views in its own way; remove the key"));
+    }
+    let [given, default] = [config, &Config::default()].map(|config| toml::Value::try_from(config).ok());
+    let (given, default) = (given?, default?);
+    for section in OF_GAUSSIANS {
+        let keys = given.get(section).and_then(toml::Value::as_table).into_iter().flatten();
+        for (key, value) in keys {
+            if default.get(section).and_then(|section| section.get(key)) != Some(value) {
+                return Some(format!(
+                    "{section}.{key} = {value}: {method} has no Gaussians and reads [{method}], [data] and [output] only; \
+                     remove the key, or start from the preset {method} instead of that of another method"
+                ));
+            }
+        }
+    }
+    None
 }
 
 /// Rejects sections and settings of methods other than the selected one, which would be silently ignored.

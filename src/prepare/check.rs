@@ -1,6 +1,8 @@
 //! Checks that find what is wrong with a dataset before anything is rendered.
 
-use super::{FOLDER, FileLabels, PrepareError, PrepareOptions, Source, image_count, views};
+use super::{
+    FOLDER, FileLabels, PrepareError, PrepareOptions, SegmentOptions, SegmentSteps, Source, image_count, views,
+};
 use crate::memory::{Budget, product};
 use crate::name::Name;
 use crate::volume::components;
@@ -73,12 +75,34 @@ pub(super) fn check(
     if !(SHORTEST_STEP..=LONGEST_STEP).contains(&options.step) {
         return wrong(format!("sample step {}: from {SHORTEST_STEP} to {LONGEST_STEP} voxels", options.step));
     }
+    segment_steps(source, transfer, &options.segments)?;
     names(source, transfer)?;
     memory(source, options)?;
     if !options.replace && out.symlink_metadata().is_ok() {
         return Err(PrepareError::Exists(out.to_owned()));
     }
     FOLDER.check(out, &needed(source, options))?;
+    Ok(())
+}
+
+/// Steps at which to render segments must exist, and there must be segments to render.
+fn segment_steps(source: &Source, transfer: &TransferFunction, options: &SegmentOptions) -> Result<(), PrepareError> {
+    if matches!(options.steps, SegmentSteps::Even(_)) {
+        return Ok(());
+    }
+    if options.views == 0 || !source.has_segments(transfer) {
+        return Err(PrepareError::Options(
+            "--segment-steps: no segment is rendered; give --labels, --components or a transfer function with \
+             [[segments]], and --segment-views above 0"
+                .into(),
+        ));
+    }
+    if let SegmentSteps::These(list) = &options.steps
+        && let Some(step) = list.iter().find(|s| **s >= source.len())
+    {
+        let steps = source.len();
+        return Err(PrepareError::Options(format!("--segment-steps {step}: the series has {steps} steps")));
+    }
     Ok(())
 }
 

@@ -195,7 +195,7 @@ pub fn prepare(
     }
     let (train_views, test_views) =
         [SplitName::Train, SplitName::Test].map(|s| jobs.iter().filter(|j| j.split == s).count()).into();
-    let known = source.label_kind().is_some() || !transfer.segments.is_empty();
+    let known = source.has_segments(transfer);
     let trained: BTreeSet<usize> = jobs.iter().filter(|j| j.split == SplitName::Train).map(|j| j.view.step).collect();
     let mut segments =
         SegmentWriter::new(root, source, transfer, &options.segments, known, &jobs_of_test(&jobs), &trained);

@@ -5,7 +5,7 @@ pub use super::shots::{EVEN_STEPS, SegmentSteps};
 use super::shots::{Shot, shots, volume_steps};
 use super::views::View;
 use super::write::{write_mask, write_picture};
-use super::{MASK_ALPHA, PrepareError, Source};
+use super::{FileLabels, MASK_ALPHA, PrepareError, Source};
 use crate::data::truth::{FILE, SegmentEntry, SegmentFile, SegmentFrame, VolumeEntry};
 use crate::data::{SplitName, TruthVolume};
 use crate::files::write_atomic;
@@ -227,6 +227,11 @@ impl<'a> SegmentWriter<'a> {
             return Ok(Vec::new());
         }
         self.complete(stop)?;
+        if let Source::Files { labels: FileLabels::Files { names, .. }, .. } = self.source {
+            for (id, name) in names.iter().filter(|(id, _)| !self.ids.contains(id)) {
+                errln!("note: --label-names {id}={name}: no voxel of the steps that were read has this label");
+            }
+        }
         let names = self.entries.iter().map(|e| e.name.clone()).collect();
         let splits = [SplitName::Train, SplitName::Test];
         let file = SegmentFile {

@@ -7,6 +7,7 @@ use crate::volume::error::VolumeError;
 use crate::volume::grid::{Grid, Labels, Volume};
 use crate::volume::series::Series;
 use crate::volume::synthetic::Synthetic;
+use crate::volume::transfer::TransferFunction;
 use std::path::{Path, PathBuf};
 
 /// A time series that is held one step at a time.
@@ -142,6 +143,12 @@ impl Source {
             Self::Files { labels, .. } => labels.kind(),
             Self::Synthetic { .. } => Some("labels"),
         }
+    }
+
+    /// Whether segments are known: from labels, or from the ranges of `transfer`.
+    #[must_use]
+    pub fn has_segments(&self, transfer: &TransferFunction) -> bool {
+        self.label_kind().is_some() || !transfer.segments.is_empty()
     }
 
     /// The ends and beginnings of connected parts, by time; empty for segments that are given.

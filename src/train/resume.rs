@@ -16,6 +16,8 @@ const LENGTH: &str = "stages.joint_steps";
 
 /// Key of the moving average.
 pub(super) const AVERAGE: &str = "optim.average";
+/// The file of the VGG weights, which may have moved.
+const VGG: &str = "insitunet.vgg";
 
 /// Key of the encoder, and prefix of the keys that only the implicit encoder reads: their defaults have changed.
 const ENCODER: &str = "model.encoder";
@@ -70,7 +72,7 @@ pub fn changes(was: &str, now: &str, step: usize) -> Result<(Vec<Change>, Vec<Ch
 }
 
 fn refusal(key: &str, before: Option<&Value>, after: Option<&Value>, step: usize) -> Option<String> {
-    if key.starts_with("output.") || key == AVERAGE {
+    if key.starts_with("output.") || [AVERAGE, VGG].contains(&key) {
         return None;
     }
     if key == LENGTH {

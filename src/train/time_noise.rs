@@ -4,6 +4,14 @@
 use crate::config::types::Config;
 use crate::rng::{Purpose, Rng};
 
+/// The mean interval of ascending training times; 0 for a single one.
+pub(super) fn mean_interval(times: &[f64]) -> f64 {
+    match times {
+        [first, .., last] => (last - first) / (times.len() - 1) as f64,
+        _ => 0.0,
+    }
+}
+
 /// Returns the time at which step `step` (of the whole run, from 0) deforms the Gaussians for a view at `time`, where
 /// `interval` is the spacing of training times. It may lie slightly outside [0, 1].
 pub(super) fn noisy(time: f64, config: &Config, step: usize, interval: f64) -> f32 {
@@ -34,5 +42,11 @@ mod tests {
         assert!((at(0).sum::<f64>() / 200.0).abs() < 0.01);
         assert_eq!((noisy(0.3, &config, 1000, 0.1), noisy(0.3, &config, 5, 0.1)), (0.3, noisy(0.3, &config, 5, 0.1)));
         assert_eq!(noisy(0.3, &config, 5, 0.0), 0.3);
+    }
+
+    #[test]
+    fn intervals_are_those_of_the_times_that_are_trained() {
+        assert!((mean_interval(&[0.4, 0.45, 0.5]) - 0.05).abs() < 1e-12);
+        assert_eq!((mean_interval(&[0.0, 1.0]), mean_interval(&[0.7]), mean_interval(&[])), (1.0, 0.0, 0.0));
     }
 }

@@ -99,7 +99,7 @@ impl Trainer {
             step: 0,
             initial,
             extent: dataset.scene_extent(),
-            interval: 1.0 / dataset.train.times().len().saturating_sub(1).max(1) as f64,
+            interval: time_noise::mean_interval(&dataset.train.times()),
             background: parse_background(&config.data.background)?,
             warmup_views: warmup_views(&dataset.train, config.stages.warmup_times),
             extra: losses::ExtraTerms::new(&config.loss).map_err(|e| TrainError::Config(e.to_string()))?,

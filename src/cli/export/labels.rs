@@ -61,13 +61,13 @@ impl LabelArgs {
         LabelPlan { segments, dims, like: self.like.clone(), data: self.data.clone(), threshold, edited }
     }
 
-    /// Directions of the volume's axes.
-    pub(super) fn space(&self) -> Space {
-        match self.space {
-            Some(SpaceName::Lps) | None => Space::LeftPosteriorSuperior,
-            Some(SpaceName::Ras) => Space::RightAnteriorSuperior,
-            Some(SpaceName::None) => Space::Plain,
-        }
+    /// Directions of the volume's axes, if chosen.
+    pub(super) fn space(&self) -> Option<Space> {
+        self.space.map(|name| match name {
+            SpaceName::Lps => Space::LeftPosteriorSuperior,
+            SpaceName::Ras => Space::RightAnteriorSuperior,
+            SpaceName::None => Space::Plain,
+        })
     }
 
     /// The first of these options that was given.
@@ -134,12 +134,6 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Resu
         return Err(CliError::input("--space: only NRRD files store it; omit it, or write .nrrd"));
     }
     let labels = Labels::new(run, &options.plan(args.shown.segments.clone()))?;
-    let format = match format {
-        LabelFormat::Nrrd(_) if options.space.is_none() && labels.is_nifti => {
-            LabelFormat::Nrrd(Space::RightAnteriorSuperior)
-        }
-        given => given,
-    };
     let times = args.times()?;
     let truth = match options.truth.as_slice() {
         [] => None,

@@ -6,7 +6,6 @@ mod splats;
 use super::shown::ShownArgs;
 use super::values::{count, fraction};
 use super::{CliError, Common, command_line};
-use crate::export::labels::Space;
 use crate::files::Work;
 use crate::memory::{Budget, product};
 use crate::run::OpenRun;
@@ -69,7 +68,7 @@ impl Format {
         match self {
             Self::Ply => SplatFormat::Ply.extension(),
             Self::Spz => SplatFormat::Spz.extension(),
-            Self::Nrrd => LabelFormat::Nrrd(Space::default()).extension(),
+            Self::Nrrd => LabelFormat::Nrrd(None).extension(),
             Self::Vti => LabelFormat::Vti.extension(),
         }
     }

@@ -35,8 +35,8 @@ impl SplatFormat {
 /// The format of a label volume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LabelFormat {
-    /// For 3D Slicer and others, with the directions of its axes.
-    Nrrd(Space),
+    /// For 3D Slicer and others, with the directions of its axes; those of the labels if `None`.
+    Nrrd(Option<Space>),
     /// For VTK and ParaView.
     Vti,
 }
@@ -105,7 +105,7 @@ pub fn write_labels(
     let volume = LabelVolume { grid: labels.grid.file, ids, names: &labels.listed, edited };
     let written = match format {
         LabelFormat::Vti => write_vti(path, &volume),
-        LabelFormat::Nrrd(space) => write_nrrd(path, &volume, space),
+        LabelFormat::Nrrd(space) => write_nrrd(path, &volume, space.unwrap_or(labels.space)),
     };
     written.map_err(|e| match e {
         LabelsError::Replace(e) => e.into(),

@@ -3,7 +3,7 @@
 
 use super::super::{OpenRun, RunError};
 use crate::prepare::PrepareRecord;
-use crate::volume::formats;
+use crate::volume::formats::{self, Format};
 use crate::volume::grid::Grid;
 use crate::volume::placement::{Placement, published_side};
 use crate::volume::source::Header;
@@ -75,11 +75,24 @@ pub(super) fn choose(
     Ok((around(run.scene.spec.centre, run.scene.spec.half_size, dims), vec![assumed]))
 }
 
-/// Whether a name, or the description of a series in a dataset's record, is that of NIfTI files.
+/// Whether the description of a series in a dataset's record, such as `ct.nii[0] .. ct.nii[9] (4x4x4, 10 steps)`, names
+/// NIfTI files.
 pub(super) fn is_nifti(source: &str) -> bool {
-    let first = source.split(" .. ").next().unwrap_or(source);
-    let name = first.split(['[', '(']).next().unwrap_or(first).trim_end().to_ascii_lowercase();
-    name.ends_with(".nii") || name.ends_with(".nii.gz")
+    let names = match source.rsplit_once(" (") {
+        Some((names, shape)) if shape.ends_with(')') => names,
+        _ => source,
+    };
+    let first = names.split(" .. ").next().unwrap_or(names);
+    let name = match first.rsplit_once('[') {
+        Some((name, step)) if step.strip_suffix(']').is_some_and(|n| n.parse::<usize>().is_ok()) => name,
+        _ => first,
+    };
+    is_nifti_file(Path::new(name))
+}
+
+/// Whether a file is named as NIfTI files are.
+pub(super) fn is_nifti_file(path: &Path) -> bool {
+    formats::format_of(path).is_some_and(|(format, _)| format == Format::Nifti)
 }
 
 fn alike(file: Grid, record: Option<&PrepareRecord>) -> Result<LabelGrid, String> {
@@ -156,6 +169,12 @@ mod tests {
         for nifti in ["ct.nii.gz", "a/ct.NII (4x4x4)", "ct.nii.gz[0] .. ct.nii.gz[9] (4x4x4, 10 steps)"] {
             assert!(is_nifti(nifti), "{nifti}");
         }
+        for nifti in
+            ["scan (1).nii.gz (4x4x4)", "old[a] (2)/scan[1].nii", "a [b].nii[0] .. a [b].nii[3] (4x4x4, 4 steps)"]
+        {
+            assert!(is_nifti(nifti), "{nifti}");
+        }
+        assert!(is_nifti_file(Path::new("/data (old)/brain.nii.gz")) && !is_nifti_file(Path::new("/x.nii/a.nrrd")));
         for other in ["", "v.nrrd (4x4x4)", "synthetic jets (4x4x4, 10 steps)", "nii.raw .. x.nii.raw (4x4x4, 2 steps)"]
         {
             assert!(!is_nifti(other), "{other}");

@@ -11,7 +11,7 @@ pub use truth::{Agreement, Score, Truth};
 
 use super::selection::Selection;
 use super::{OpenRun, RunError};
-use crate::export::labels::NamedLabel;
+use crate::export::labels::{NamedLabel, Space};
 use crate::memory::{Budget, product};
 use crate::segment::segmentation::Segmentation;
 use crate::segment::voxels::{LabelledCloud, Vote, label_voxels};
@@ -52,8 +52,8 @@ pub struct Labels<'r> {
     pub listed: Vec<NamedLabel>,
     /// The voxels.
     pub grid: LabelGrid,
-    /// Whether the voxels are of a NIfTI file, whose axes point right, front and up.
-    pub is_nifti: bool,
+    /// Directions of the volume's axes where none are chosen: those of NIfTI for its files.
+    pub space: Space,
     /// The dataset that the voxels come from.
     pub data: PathBuf,
     /// What had to be assumed about the voxels, and what the reader of their file reports, one sentence each.
@@ -80,11 +80,12 @@ impl<'r> Labels<'r> {
         let (grid, notes) = grid::choose(run, &data, record.as_ref(), plan.dims, plan.like.as_deref())?;
         check_memory(&grid, plan.like.as_deref())?;
         let is_nifti = match &plan.like {
-            Some(file) => grid::is_nifti(&file.to_string_lossy()),
+            Some(file) => grid::is_nifti_file(file),
             None => record.as_ref().is_some_and(|record| grid::is_nifti(&record.source)),
         };
         let vote = plan.threshold.map_or(Vote::default(), |threshold| Vote { threshold, ..Vote::default() });
-        Ok(Self { run, selection, vote, labels, names, listed, grid, is_nifti, data, notes })
+        let space = if is_nifti { Space::RightAnteriorSuperior } else { Space::LeftPosteriorSuperior };
+        Ok(Self { run, selection, vote, labels, names, listed, grid, space, data, notes })
     }
 
     /// Returns the labels of the voxels `[z, y, x]` at `time` in [0, 1], x fastest; 0 is none.

@@ -21,6 +21,8 @@ use text::Text;
 
 /// Maximum length of a header, even of one that lists thousands of data files.
 const MAX_HEADER: u64 = 1 << 22;
+/// Names of the space that label volumes are written in.
+const LABEL_SPACES: [&str; 4] = ["left-posterior-superior", "LPS", "left-posterior-superior-time", "LPST"];
 
 /// Maximum number of bytes decompressed to read all steps of one compressed file: some hours.
 const MAX_UNPACKED: f64 = 1e13;
@@ -112,7 +114,12 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     }
 
     let grid = Grid { dims: shape.dims, spacing: axes.spacing, origin: axes.origin };
-    let notes = text.notes.into_iter().chain(axes.notes).collect();
+    let other_space =
+        text.get("space").filter(|space| !LABEL_SPACES.iter().any(|known| known.eq_ignore_ascii_case(space)));
+    let other_space = other_space.map(|space| {
+        format!("space \"{space}\" is not kept: exported labels state left-posterior-superior unless --space is given")
+    });
+    let notes = text.notes.into_iter().chain(axes.notes).chain(other_space).collect();
     let header = Header { grid, scalar, steps: shape.steps, notes };
     Ok(Box::new(Nrrd { path: path.to_owned(), header, shape, time_first: axes.time_first, data }))
 }

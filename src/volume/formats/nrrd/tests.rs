@@ -37,6 +37,7 @@ fn attached_raw_with_notes() {
     assert_eq!(all(&p), [[1.0, 2.0, 256.0, 4.0]]);
     assert!(header.notes.iter().any(|n| n.contains("\"warp\" ignored")), "{:?}", header.notes);
     assert!(header.notes.iter().any(|n| n.contains("orientation ignored")), "{:?}", header.notes);
+    assert!(!header.notes.iter().any(|n| n.contains("is not kept")), "{:?}", header.notes);
 }
 
 #[test]
