@@ -7,6 +7,7 @@ mod common;
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{Numbers, Tested, relative_error, to_vec};
 use volseggs_kernels::adam::{AdamStep, AdamTensors, NonFinite, adam};
+use volseggs_kernels::decoder::{DecoderShape, DecoderWeights, decoder};
 use volseggs_kernels::field::{FieldShape, LevelShape, field, reference as field_reference};
 use volseggs_kernels::march::{RaySamples, composite, reference as march_reference};
 use volseggs_kernels::photometric::{Distance, photometric_loss, reference as photometric_reference};
@@ -241,6 +242,46 @@ fn the_first_step_of_adam_moves_every_element_by_the_rate(on: Tested) {
     assert!(out.iter().zip([0.9f32, 2.1]).all(|(v, expected)| (v - expected).abs() < 1e-5), "{out:?}");
 }
 
+/// A GPU's kernels would read other values without an error.
+fn tensors_of_other_shapes_are_refused(on: Tested) {
+    let device = &on.device;
+    let panics = |work: &dyn Fn()| std::panic::catch_unwind(std::panic::AssertUnwindSafe(work)).is_err();
+    let zeros = |n: usize| Tensor::<1>::zeros([n], device);
+    let shape = shape();
+    let lens = [shape.planes_len(), shape.lines_len(), shape.times_len()];
+    let points = Tensor::<2>::zeros([4, 3], device);
+    let of = |[p, l, t]: [usize; 3]| drop(field(zeros(p), zeros(l), zeros(t), points.clone(), &shape, 0.5));
+    let reduction = TvReduction::Mean;
+    let weights = TvWeights { space: 1.0, time: 1.0, one_prior_space: 0.0, one_prior_time: 0.0, reduction };
+    let tv = |[p, l, t]: [usize; 3]| {
+        drop(total_variation(zeros(p), zeros(l), zeros(t), &shape, TvKind::First, weights));
+    };
+    assert!(!panics(&|| of(lens)) && !panics(&|| tv(lens)));
+    for i in 0..3 {
+        let mut other = lens;
+        other[i] -= 1;
+        assert!(panics(&|| of(other)) && panics(&|| tv(other)), "{i}");
+    }
+    let adam_of = |n: usize| {
+        let tensors = AdamTensors { param: zeros(4), moment_1: zeros(n), moment_2: zeros(4) };
+        drop(adam(tensors, zeros(4), STEP));
+    };
+    assert!(!panics(&|| adam_of(4)) && panics(&|| adam_of(3)));
+
+    let shape = DecoderShape { inputs: 4, width: 8, head_sizes: vec![3, 1] };
+    let matrix = |[rows, columns]: [usize; 2]| Tensor::<2>::zeros([rows, columns], device);
+    let decoded = |x: [usize; 2], trunk: [usize; 2]| {
+        let weights = DecoderWeights {
+            trunk: (matrix(trunk), zeros(8)),
+            hidden: (matrix([8, 16]), zeros(16)),
+            output: (matrix([8, 4]), zeros(4)),
+        };
+        drop(decoder(matrix(x), weights, &shape));
+    };
+    assert!(!panics(&|| decoded([10, 4], [4, 8])));
+    assert!(panics(&|| decoded([10, 8], [4, 8])) && panics(&|| decoded([10, 4], [8, 4])));
+}
+
 /// GPUs do not check this, as reporting it to the host would stall every step.
 fn adam_reports_non_finite_values(on: Tested) {
     let found = stepped(&on.device, &[1.0, 2.0], &[3.0, f32::NAN]);
@@ -258,6 +299,7 @@ volseggs_testing::on_every_device!(
     sines_of_rows_and_their_gradients_match_double_precision,
     composited_rays_and_their_gradients_match_the_reference,
     the_first_step_of_adam_moves_every_element_by_the_rate,
+    tensors_of_other_shapes_are_refused,
 );
 volseggs_testing::on_every_cpu_device!(
     crate::common::open => ssim_ignores_a_fourth_channel, adam_reports_non_finite_values,

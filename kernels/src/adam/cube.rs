@@ -1,7 +1,8 @@
 //! Adam on a GPU: one unit per element, in place if the memory is not shared.
 //!
 //! Non-finite elements are not detected, as reporting them to the host would stall every step: they make the parameter
-//! NaN, which the caller notices when it next reads the loss.
+//! NaN. The caller notices that at the latest when it saves the parameters; the loss need not show it, as a Gaussian
+//! with a NaN is not drawn.
 
 use super::ops::{AdamOps, AdamOutput};
 use super::{AdamStep, LrPattern};

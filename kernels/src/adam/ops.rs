@@ -21,7 +21,7 @@ pub struct AdamOutput<B: Backend> {
     pub non_finite: Option<NonFinite>,
 }
 
-/// An element that was NaN or infinite before the step.
+/// An element that was NaN or infinite before the step, or so large (1.8e19) that its square is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NonFinite {
     /// In the gradient.
@@ -56,7 +56,7 @@ pub struct AdamTensors<const D: usize> {
 
 /// Runs one Adam step (PyTorch's semantics: epsilon outside the root, after bias correction).
 ///
-/// The second result is the first element of the parameter or of its gradient that is NaN or infinite, if any; then
+/// The second result is the first element of the parameter or of its gradient that is [`NonFinite`], if any; then
 /// nothing was updated and the caller should stop. On a GPU it is always `None`.
 ///
 /// # Panics
@@ -66,7 +66,11 @@ pub fn adam<const D: usize>(
     grad: Tensor<D>,
     step: AdamStep,
 ) -> (AdamTensors<D>, Option<NonFinite>) {
-    assert_eq!(tensors.param.dims(), grad.dims(), "adam: the gradient has the parameter's shape");
+    for (name, tensor) in
+        [("gradient", &grad), ("first moment", &tensors.moment_1), ("second moment", &tensors.moment_2)]
+    {
+        assert_eq!(tensor.dims(), tensors.param.dims(), "adam: the {name} has the parameter's shape");
+    }
     let out = Dispatch::adam(
         tensors.param.into_dispatch(),
         grad.into_dispatch(),

@@ -168,7 +168,9 @@ fn multiply(
                 if comptime!(finish == Finish::Bias) {
                     out[at] = value + other[column as usize];
                 } else if comptime!(finish == Finish::BiasRelu) {
-                    out[at] = max(value + other[column as usize], 0.0f32);
+                    let sum = value + other[column as usize];
+                    // keeps NaN, as on a CPU
+                    out[at] = select(sum <= 0.0f32, 0.0f32, sum);
                 } else if comptime!(finish == Finish::Mask) {
                     out[at] = select(other[at] > 0.0f32, value, 0.0f32);
                 } else {

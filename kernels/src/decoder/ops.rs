@@ -64,9 +64,22 @@ pub struct DecoderWeights {
 /// Applies a trunk and its heads, fused: `[N, inputs]` to `[N, outputs]`, differentiable with respect to all inputs.
 ///
 /// # Panics
-/// If a tensor does not fit `shape`.
+/// If `shape` is invalid, or a tensor does not fit it.
 pub fn decoder(x: Tensor<2>, weights: DecoderWeights, shape: &DecoderShape) -> Tensor<2> {
+    if let Err(error) = shape.validate() {
+        panic!("{error}");
+    }
     let DecoderWeights { trunk, hidden, output } = weights;
+    let (inputs, width, all, outputs) = (shape.inputs, shape.width, shape.heads() * shape.width, shape.outputs());
+    let matrices = [("x", &x, [x.dims()[0], inputs]), ("trunk", &trunk.0, [inputs, width])];
+    let matrices = [matrices, [("hidden", &hidden.0, [width, all]), ("output", &output.0, [width, outputs])]];
+    for (name, tensor, dims) in matrices.into_iter().flatten() {
+        assert_eq!(tensor.dims(), dims, "decoder: {name}");
+    }
+    for (name, bias, length) in [("trunk", &trunk.1, width), ("hidden", &hidden.1, all), ("output", &output.1, outputs)]
+    {
+        assert_eq!(bias.dims(), [length], "decoder: bias of {name}");
+    }
     let inputs = DecoderTensors {
         x: x.into_dispatch(),
         w0: trunk.0.into_dispatch(),

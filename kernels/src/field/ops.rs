@@ -52,7 +52,7 @@ pub trait FieldBackwardOps: Backend {
 /// `[N, 3]` lie in [-1, 1] and `time` in [0, 1] spans all the time knots. Returns `[N, levels * R]`.
 ///
 /// # Panics
-/// If a buffer does not fit `shape`.
+/// If `shape` is invalid, or a buffer does not fit it.
 pub fn field(
     planes: Tensor<1>,
     lines: Tensor<1>,
@@ -61,6 +61,9 @@ pub fn field(
     shape: &FieldShape,
     time: f32,
 ) -> Tensor<2> {
+    check(shape, [&planes, &lines, &times].map(|buffer| buffer.dims()[0]));
+    let [n, three] = points.dims();
+    assert_eq!(three, 3, "field: points are [N, 3], got [{n}, {three}]");
     let inputs = FieldTensors {
         planes: planes.into_dispatch(),
         lines: lines.into_dispatch(),
@@ -68,6 +71,16 @@ pub fn field(
         points: points.into_dispatch(),
     };
     Tensor::from_dispatch(Dispatch::field_forward(inputs, shape.clone(), time))
+}
+
+/// Checks the lengths of the planes, lines and times, which a kernel on a GPU cannot.
+pub(crate) fn check(shape: &FieldShape, [planes, lines, times]: [usize; 3]) {
+    if let Err(error) = shape.validate() {
+        panic!("{error}");
+    }
+    assert_eq!(planes, shape.planes_len(), "field: planes");
+    assert_eq!(lines, shape.lines_len(), "field: lines");
+    assert_eq!(times, shape.times_len(), "field: times");
 }
 
 fn cpu_forward<B: CpuBackend>(inputs: &FieldTensors<B>, shape: &FieldShape, time: f32) -> FloatTensor<B> {

@@ -45,6 +45,8 @@ pub const NEAR: f32 = 0.2;
 pub const DILATION: f32 = 0.3;
 /// Largest dilation allowed, pixels squared.
 pub const MAX_DILATION: f32 = 100.0;
+/// Maximum height of an image, pixels: rows of tiles are numbered in 16 bits.
+const MAX_HEIGHT: usize = (16 << 16) - 16;
 /// A given covariance counts as positive semi-definite if no principal minor is negative by more than this, as a
 /// fraction of the product of the minor's diagonal. Rounding of a product `M M^T` to f32 stays below it.
 pub const MINOR_SLACK: f32 = 1e-5;
@@ -190,6 +192,17 @@ impl SplatInputs {
         self
     }
 
+    /// Checks shapes and settings.
+    ///
+    /// # Panics
+    /// As [`splat`].
+    pub(crate) fn check(&self, settings: &SplatSettings) {
+        let n = self.means.dims()[0];
+        assert_eq!(self.rotations.dims(), [n, 4], "splat: rotations are [N, 4] with N = {n}");
+        assert_eq!(self.log_scales.dims(), [n, 3], "splat: log_scales are [N, 3] with N = {n}");
+        check_common(&self.means, &self.opacity_logits, &self.sh, self.screen_offsets.as_ref(), settings);
+    }
+
     /// Converts the inputs to the tensors that the backends take, which carry no shading.
     pub fn into_tensors(self) -> SplatTensors<Dispatch> {
         SplatTensors {
@@ -216,10 +229,7 @@ fn offsets_or_zeros(offsets: Option<Tensor<2>>, means: &Tensor<2>) -> Tensor<2> 
 /// If the shapes disagree, `sh` holds fewer coefficients than `settings.sh_degree` needs, or the settings are out of
 /// range: all are errors of the calling program, never of the data.
 pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> Splatted {
-    let n = inputs.means.dims()[0];
-    assert_eq!(inputs.rotations.dims(), [n, 4], "splat: rotations are [N, 4] with N = {n}");
-    assert_eq!(inputs.log_scales.dims(), [n, 3], "splat: log_scales are [N, 3] with N = {n}");
-    check_common(&inputs.means, &inputs.opacity_logits, &inputs.sh, inputs.screen_offsets.as_ref(), &settings);
+    inputs.check(&settings);
     render(inputs.shaded(&settings.camera).into_tensors(), settings)
 }
 
@@ -253,6 +263,17 @@ fn check_common(
         "splat: the image is {}x{}, expected at least 1x1",
         camera.width,
         camera.height
+    );
+    assert!(
+        camera.height <= MAX_HEIGHT,
+        "splat: the image is {} pixels high, expected at most {MAX_HEIGHT}",
+        camera.height
+    );
+    assert!(
+        camera.fx > 0.0 && camera.fy > 0.0 && camera.fx.is_finite() && camera.fy.is_finite(),
+        "splat: focal lengths are {} and {} pixels, expected finite ones above 0",
+        camera.fx,
+        camera.fy
     );
     if let Some(offsets) = screen_offsets {
         assert_eq!(offsets.dims(), [n, 2], "splat: screen_offsets are [N, 2] with N = {n}");

@@ -57,6 +57,7 @@ pub fn contributors(
     settings: &SplatSettings,
     pixels: &[u32],
 ) -> Result<Contributors, ContributorsError> {
+    inputs.check(settings);
     fn plain<const D: usize>(tensor: &Tensor<D>) -> Tensor<D> {
         let tensor = tensor.clone();
         if tensor.device().is_autodiff() { tensor.inner() } else { tensor }

@@ -102,7 +102,10 @@ pub(super) fn blend(
             Atomic::fetch_add(&live[0], 1u32);
         }
         base += count;
-        goes_on = workgroup_uniform_load_atomic(&live[0]) > 0u32;
+        let alive = workgroup_uniform_load_atomic(&live[0]);
+        // a barrier follows that load on WGSL only; elsewhere unit 0 could reset the count before all have read it
+        sync_cube();
+        goes_on = alive > 0u32;
     }
     if comptime!(save) {
         if UNIT_POS == 0u32 && (CUBE_POS as u32) < tile_count {

@@ -14,6 +14,29 @@ use crate::splat::{ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN};
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
+/// Clears the sums of entries that were listed in no tile: they were counted, and then not found again.
+#[cube(launch)]
+pub(super) fn clear_unlisted(
+    sorted: &[u32],
+    tiles: &[u32],
+    starts: &[u32],
+    sums: &mut [f32],
+    tile_count: u32,
+    n: u32,
+    capacity: u32,
+) {
+    let end = min(starts[n as usize], capacity);
+    let mut at = tiles[tile_count as usize] + UNIT_POS;
+    while at < end {
+        let to = sorted[at as usize] as usize * 9;
+        #[unroll]
+        for k in 0..9usize {
+            sums[to + k] = 0.0f32;
+        }
+        at += CUBE_DIM;
+    }
+}
+
 /// Writes for each entry u, u dx, u dy, u dx^2, u dx dy, u dy^2 with u = dL/dpower, and dL/dcolour: `sums` `[E, 9]`, in
 /// the order in which the entries were listed, so that those of one Gaussian are consecutive.
 #[cube(launch)]

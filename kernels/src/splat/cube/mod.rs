@@ -133,8 +133,14 @@ pub(super) fn binned(inputs: SplatTensors<CubeBackend>, settings: &SplatSettings
     );
     let tiles = tiles(settings);
     let (order, starts) = bin::order(client, &screen, keys, indices, n, tiles);
-    let capacity = capacity::capacity(client, &starts, n, settings, exact);
-    let (needs, limit) = (4 * 9 * capacity as u64, client.properties().memory.max_page_size);
+    let limit = client.properties().memory.max_page_size;
+    // gradients need nine words an entry, and the states of the pixels about as much
+    let bytes = |capacity: usize| match exact {
+        true => 4 * capacity as u64,
+        false => (36 * capacity as u64).max(4096 * segments(capacity, tiles[0] * tiles[1]) as u64),
+    };
+    let capacity = capacity::capacity(client, &starts, n, settings, exact, &|capacity| bytes(capacity) <= limit);
+    let needs = bytes(capacity);
     assert!(
         needs <= limit,
         "splat: {capacity} tile entries need {} MB in one buffer, but this GPU allows {} MB; use smaller images, fewer \
@@ -147,15 +153,15 @@ pub(super) fn binned(inputs: SplatTensors<CubeBackend>, settings: &SplatSettings
 }
 
 /// Returns the number of segments to make room for: each tile starts one of its own.
-fn segments(bins: &Bins, tile_count: usize) -> usize {
-    bins.capacity / SEGMENT as usize + tile_count + 1
+fn segments(capacity: usize, tile_count: usize) -> usize {
+    capacity / SEGMENT as usize + tile_count + 1
 }
 
 fn blend(client: &Client, binned: &Binned, image: &CubeTensor, settings: &SplatSettings, save: bool) -> [Words; 2] {
     let [tiles_x, tiles_y] = tiles(settings);
     let tile_count = tiles_x * tiles_y;
     let bins = &binned.bins;
-    let states = Words::empty(client, if save { 1024 * segments(bins, tile_count) } else { 1 });
+    let states = Words::empty(client, if save { 1024 * segments(bins.capacity, tile_count) } else { 1 });
     let used = Words::empty(client, if save { tile_count } else { 1 });
     blend::blend::launch(
         client,
@@ -210,7 +216,7 @@ impl SplatBackwardOps for CubeBackend {
         let sums = Words::empty(&client, 9 * bins.capacity);
         blend_backward::blend_backward::launch(
             &client,
-            cubes(segments(bins, tiles_x * tiles_y), 1),
+            cubes(segments(bins.capacity, tiles_x * tiles_y), 1),
             CubeDim::new_1d(LINE),
             saved.screen.arg(),
             bins.gaussians.arg(),
@@ -225,6 +231,18 @@ impl SplatBackwardOps for CubeBackend {
             settings.camera.height as u32,
             tiles_x as u32,
             (tiles_x * tiles_y) as u32,
+        );
+        blend_backward::clear_unlisted::launch(
+            &client,
+            cubes(1, 1),
+            CubeDim::new_1d(UNITS),
+            bins.sorted.arg(),
+            bins.tiles.arg(),
+            bins.starts.arg(),
+            sums.arg(),
+            (tiles_x * tiles_y) as u32,
+            n as u32,
+            bins.capacity as u32,
         );
         let out_source = source.empty_like();
         let [out_means, out_offsets] = [3, 2].map(|width| empty_f32(&means, [n, width]));
