@@ -271,3 +271,37 @@ pub fn train(
     let training = start(config, dataset, device)?;
     crate::train::run::run(config, dataset, training, options, held, stop, observer)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::PRESETS;
+    use crate::config::layers::Layers;
+
+    #[test]
+    fn methods_without_gaussians_refuse_what_they_do_not_read() {
+        let checked = |preset: &str, set: &str| {
+            let layers = Layers::new(PRESETS).source(preset).sets([set.to_owned()]);
+            check(&layers.resolve::<Config>().unwrap().value).map_err(|e| e.to_string())
+        };
+        for method in NETWORKS {
+            checked(method, "output.eval_every=100").unwrap();
+            checked(method, "data.downscale=2").unwrap();
+            for (set, key) in [
+                ("loss.dssim=0.5", "loss.dssim = 0.5"),
+                ("optim.average=7", "optim.average = 7"),
+                ("stages.joint_steps=40000", "stages.joint_steps = 40000"),
+                ("data.background=random", "data.background"),
+                ("data.order=independent", "data.order"),
+            ] {
+                let error = checked(method, set).unwrap_err();
+                assert!(error.contains(key) && error.contains(method), "{error}");
+            }
+        }
+        // a preset of Gaussians with the method replaced
+        let mut quick: Config = Layers::new(PRESETS).source("quick").resolve().unwrap().value;
+        quick.method = "visnerf".into();
+        quick.visnerf = Some(crate::config::types::methods::VisNerfConfig::default());
+        assert!(check(&quick).unwrap_err().to_string().contains("reads [visnerf]"));
+    }
+}

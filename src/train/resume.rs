@@ -121,6 +121,8 @@ mod tests {
     fn logs_and_length_may_change_and_other_changes_are_named() {
         let base = text(|_| ());
         assert_eq!(changes(&base, &base, 5).unwrap(), (Vec::new(), Vec::new()));
+        let (moved, refused) = changes("[insitunet]\nvgg = 'a'", "[insitunet]\nvgg = 'b'", 5).unwrap();
+        assert_eq!((moved[0].key.as_str(), refused.len()), ("insitunet.vgg", 0), "the file may have moved");
         let more = text(|c| {
             c.output.log_every = 7;
             c.optim.average = 500;

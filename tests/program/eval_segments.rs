@@ -97,6 +97,8 @@ fn known_segments_are_evaluated_with_every_method() {
     }
     let none = ["eval", "run", "--methods", "coarse", "--no-oracle", "--mask-pictures", "none"];
     refused(volseggs().current_dir(root).args(none).args(short.split(' ')), &["none of the methods needs masks"]);
+    let biased = ["eval", "run", "--segments", "--masks", "labels", "--mask-bias", "x"];
+    refused(volseggs().current_dir(root).args(biased), &["--mask-bias"]);
     for masks in ["labels", "sam"] {
         let (both, named) = (["--masks", masks, "--mask-pictures", "none"], format!("--masks {masks}"));
         let mut command = volseggs();

@@ -274,6 +274,36 @@ fn the_demo_writes_a_report_and_can_be_repeated() {
     let second: serde_json::Value = serde_json::from_slice(&run()).unwrap();
     assert_eq!(first["metrics"]["psnr"], second["metrics"]["psnr"]);
     refused(volseggs().args(["demo", "--set", "nothing=1", "--out", &out]), &["nothing"]);
+    let none = text(folder.path(), "none");
+    refused(volseggs().args(["demo", "--set", "output.keep=0", "--out", &none]), &["output.keep"]);
+    assert!(!Path::new(&none).exists(), "refused before anything is written");
+    let mut other = volseggs();
+    other.args(small.split_whitespace()).args([&out[..], "--set", "loss.tv=0.5"]);
+    refused(&mut other, &["loss.tv"]);
+    // the user's own segments survive another demo
+    let trained = format!("{out}/run");
+    let listed = || volseggs().args(["segment", "list", &trained]).assert().success().get_output().stdout.clone();
+    volseggs().args(["segment", "coarse", &trained, "--replace"]).assert().success();
+    let own = listed();
+    run();
+    assert_eq!(String::from_utf8_lossy(&listed()), String::from_utf8_lossy(&own));
+}
+
+#[test]
+fn wide_lenses_and_paths_below_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = text(folder.path(), "wide");
+    let few =
+        ["--dims", "8", "--size", "16", "--times", "2", "--series-steps", "2", "--views", "2", "--test-views", "2"];
+    let prepare = |more: &[&str]| {
+        let mut command = volseggs();
+        command.args(["prepare", "--synthetic", "jets"]).args(few).args(more);
+        command
+    };
+    prepare(&["--fov", "120", "--out", &out]).assert().success();
+    std::fs::write(folder.path().join("notes.txt"), "mine").unwrap();
+    refused(&mut prepare(&["--out", &text(folder.path(), "notes.txt/data")]), &["notes.txt", "below a file"]);
+    refused(volseggs().args(["inspect", &out, "--transfer-function", "fire"]), &["--picture"]);
 }
 
 #[test]
@@ -303,6 +333,10 @@ fn raycast_compares_the_costs_of_volumes_and_of_a_run() {
         }
     }
     assert_eq!(report["run"]["preparation_seconds"], json(&root.join("data/prepare.json"))["seconds"]);
+    // arguments after `--` stay behind it
+    let mut last = volseggs();
+    last.args(["raycast", "--steps", "2", "--views", "4", "--json", "--volume", &text(root, "v_*.raw"), "--", &run]);
+    last.assert().success();
     let table = raycast("v_*.raw", &[]).assert().success();
     let table = String::from_utf8(table.get_output().stdout.clone()).unwrap();
     for words in

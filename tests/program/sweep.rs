@@ -133,6 +133,13 @@ fn a_failed_run_is_recorded_and_the_others_continue() {
     // it is not retried unless requested
     let again = sweep(&[], &file, &out).assert().code(1);
     assert!(String::from_utf8_lossy(&again.get_output().stderr).contains("1 failed before"));
+    let planned = |more: &[&str]| {
+        let said = sweep(&[&["--dry-run"], more].concat(), &file, &out).assert().success();
+        String::from_utf8_lossy(&said.get_output().stdout).into_owned()
+    };
+    assert!(planned(&[]).contains("remaining: 0 runs"));
+    let retried = planned(&["--rerun-failed"]);
+    assert!(retried.contains("remaining: 1 runs") && retried.contains(" retry "), "{retried}");
     let asked = sweep(&["--rerun-failed", "--only", "wild"], &file, &out).assert().code(1);
     assert!(String::from_utf8_lossy(&asked.get_output().stderr).contains("FAILED"));
     let status = sweep(&["status"], &file, &out).assert().success();
