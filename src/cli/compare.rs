@@ -18,8 +18,8 @@ pub struct CompareArgs {
     /// Metrics to report.
     #[arg(long, value_delimiter = ',', default_value = "psnr,ssim,lpips_alex,fps,training_minutes,model_mib")]
     metrics: Vec<String>,
-    /// Folder for report.html, report.md, table.tex, results.csv and results.json; if not given, only the table is
-    /// printed.
+    /// Folder for report.html, report.md, table.tex, results.csv, results.json and tensorboard/; if not given, only the
+    /// table is printed.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Print one JSON object on standard output.

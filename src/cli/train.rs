@@ -31,7 +31,7 @@ macro_rules! watching {
 /// Train a scene from posed, timed images, with this project's method or another one.
 #[derive(Debug, Args)]
 #[command(
-    after_help = concat!("Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --resume checkpoints/first                                  # resume\n  volseggs train --resume checkpoints/first --set stages.joint_steps=40000   # train longer\n", watching!(), "\nCtrl-C saves a checkpoint; --resume continues from the newest one, with the same result as an uninterrupted training.\nOn resuming, output.* and optim.average may change, and stages.joint_steps may increase: learning rates then follow the new length from there on.")
+    after_help = concat!("Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --resume checkpoints/first                                  # resume\n  volseggs train --resume checkpoints/first --set stages.joint_steps=40000   # train longer\n", watching!(), "\nCtrl-C saves a checkpoint; --resume continues from the newest one, on a CPU with the same result as an uninterrupted training.\nOn resuming, --device, --data (a dataset that was moved), output.*, optim.average and insitunet.vgg may change, and stages.joint_steps may increase: learning rates then follow the new length from there on.")
 )]
 pub struct TrainArgs {
     /// Dataset folder with transforms_train.json (and transforms_test.json for live test PSNR).

@@ -139,8 +139,11 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
         };
         let at = known.iter().position(|(c, name)| *c == config && !clash(name)).unwrap_or_else(|| {
             let short = folder.file_name().map(|n| n.to_string_lossy().into_owned());
-            let name = short.filter(|n| known.iter().all(|(_, k)| k != n));
-            known.push((config.clone(), name.unwrap_or_else(|| folder.display().to_string())));
+            let whole = folder.display().to_string();
+            let numbered = (2..).map(|n| format!("{whole} ({n})"));
+            let mut names = short.into_iter().chain([whole.clone()]).chain(numbered);
+            let name = names.find(|name| known.iter().all(|(_, k)| k != name)).unwrap_or_else(|| whole.clone());
+            known.push((config.clone(), name));
             known.len() - 1
         });
         outcomes.push(Outcome {
@@ -278,6 +281,25 @@ mod tests {
         let set = from_folders(&folders, &[]).unwrap();
         let names: Vec<&str> = set.outcomes.iter().map(|o| o.dataset.as_str()).collect();
         assert_eq!(names, ["mine", "/d/mine", "/d/mine (print-2)"]);
+    }
+
+    #[test]
+    fn configurations_are_never_averaged_as_seeds_of_one_name() {
+        let dir = tempfile::tempdir().unwrap();
+        let folders: Vec<PathBuf> = ["b/a", "a", "c/a"].map(|name| dir.path().join(name)).to_vec();
+        for (n, folder) in folders.iter().enumerate() {
+            write(folder, &RunRecord::default(), &format!("[loss]\ntv = 0.{n}"), 0);
+        }
+        let variants = |folders: &[PathBuf]| -> Vec<String> {
+            from_folders(folders, &[]).unwrap().outcomes.into_iter().map(|o| o.variant).collect()
+        };
+        let [second, third] = [1, 2].map(|i| folders[i].display().to_string());
+        assert_eq!(variants(&folders), ["a".to_owned(), second, third]);
+        // even if the whole path is the short name of another run
+        let mut names = variants(&[folders[0].clone(), folders[1].clone(), folders[0].clone()]);
+        names.sort();
+        names.dedup();
+        assert_eq!(names.len(), 3, "{names:?}");
     }
 
     #[test]

@@ -271,8 +271,8 @@ pub struct OptimConfig {
     /// Adam's epsilon.
     pub epsilon: f64,
     /// Length in steps of the moving average of the parameters that is shown and saved in their place; 0 for none. It
-    /// covers at most a tenth of the steps since it began, and restarts with the joint stage and whenever Gaussians are
-    /// added or removed.
+    /// covers at most a tenth of the steps since it began, and restarts with the joint stage, whenever Gaussians are
+    /// added or removed, and when opacities are reset.
     #[serde(default)] // runs that predate this key can still be opened
     pub average: usize,
 }

@@ -149,7 +149,8 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
         return bad(format!("loss.fade = {}: nothing fades with model.deform_opacity = false", config.loss.fade));
     }
     let loss = &config.loss;
-    if loss.dssim > 0.0 && loss.dssim_last == 0 && !loss.dssim_warmup {
+    let in_warmup = loss.dssim_warmup && config.stages.warmup_steps > 0;
+    if loss.dssim > 0.0 && loss.dssim_last == 0 && !in_warmup {
         return bad(format!(
             "loss.dssim = {}: has no effect with loss.dssim_last = 0; set that to the number of last steps in \
              which it counts",

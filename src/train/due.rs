@@ -60,7 +60,7 @@ pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
     let within = span.contains(step);
     // the last step of each line towards a budget, so that the line ends at the budget
     let ends = stage.is_joint() || joint.steps() == 0 || d.warmup_budget > 0;
-    let is_last = ends && step == span.until;
+    let is_last = ends && within && step == span.until;
     let every = |n: usize| within && step.is_multiple_of(n.max(1));
     let grow_to = match d.mode {
         _ if !(every(d.every) || is_last) => None,
@@ -153,6 +153,15 @@ mod tests {
         // a joint stage that adds no Gaussians does not count
         (config.stages.joint_steps, config.densify.joint_from) = (300, 300);
         assert_eq!(targets(&config, 100).last(), Some(&1000));
+    }
+
+    #[test]
+    fn a_span_without_steps_adds_nothing_even_at_its_end() {
+        let mut config = Config::default();
+        (config.densify.mode, config.stages.joint_steps) = (DensifyMode::Threshold, 20_000);
+        (config.densify.joint_from, config.densify.joint_until) = (20_000, 14_900);
+        let joint = |step: usize| due(Stage::Joint(step), &config, 100).grow_to;
+        assert_eq!((joint(14_899), joint(19_999)), (None, None));
     }
 
     #[test]

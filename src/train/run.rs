@@ -351,9 +351,9 @@ pub fn run(
     record.gaussians = training.model().counts().primitives;
     record.peak_memory_bytes = peak_memory().max(peak_before);
     if let Some(earlier) = earlier.filter(|_| record.steps == first) {
-        // nothing was trained: build, device and threads stay those of the steps
-        let RunRecord { status, dataset, .. } = record;
-        record = RunRecord { status, dataset, steps: first, ..earlier };
+        // nothing was trained: build, device and threads stay those of the steps, which may be fewer than before
+        let RunRecord { status, dataset, gaussians, .. } = record;
+        record = RunRecord { status, dataset, steps: first, training_seconds: seconds_before, gaussians, ..earlier };
     }
     write_record(&record)?;
     Ok(RunOutcome { record, complete, test_psnr, changed })

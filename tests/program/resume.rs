@@ -208,7 +208,10 @@ fn an_incomplete_checkpoint_is_reported_and_not_skipped() {
     assert!(newest_bytes(&run) == newest_bytes(&whole), "the run has a different result");
     assert!(names(&run.join("checkpoints")).contains(&"aside-step-000080".to_owned()));
     // a checkpoint that was set aside can be resumed from too, and older ones stay
+    let of = |key: &str| crate::common::json(&run.join("run.json"))[key].as_f64().unwrap();
+    let seconds = of("training_seconds");
     resume(&run.join("checkpoints/step-000070"), &["--stop-after", "70"]).assert().success();
+    assert!(of("steps") == 70.0 && of("training_seconds") < seconds, "those of the checkpoint");
     let aside = run.join("checkpoints/aside-step-000080-1");
     resume(&aside, &[]).assert().success();
     assert!(names(&run.join("checkpoints")).contains(&"step-000070".to_owned()));

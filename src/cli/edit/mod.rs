@@ -15,7 +15,7 @@ use values::{colour, point};
 /// Recolour, fade, hide or move segments, and undo such edits.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs edit recolour RUN --segment red --colour '#ff8800'\n  volseggs edit opacity RUN --segment red --segment blue --factor 0.3\n  volseggs edit isolate RUN --segment red.1\n  volseggs edit translate RUN --segment red --by 0.2,0,-0.1\n  volseggs edit rotate RUN --segment red --axis 0,0,1 --degrees 30\n  volseggs edit undo RUN --count 2\n  volseggs edit list RUN\n\nEdits are stored in RUN/edits.json, apply at every time, and are visible in `volseggs render` and `volseggs export` unless --no-edits is given there."
+    after_help = "Examples:\n  volseggs edit recolour RUN --segment red --colour '#ff8800'\n  volseggs edit opacity RUN --segment red --segment blue --factor 0.3\n  volseggs edit isolate RUN --segment red.1\n  volseggs edit translate RUN --segment red --by 0.2,0,-0.1\n  volseggs edit rotate RUN --segment red --axis 0,0,1 --degrees 30\n  volseggs edit undo RUN --count 2\n  volseggs edit list RUN\n\nEdits are stored in RUN/edits.json, apply at every time, and are visible in `volseggs render` and in exported Gaussians unless --no-edits is given there; label volumes ignore them unless --edited is given."
 )]
 pub struct EditArgs {
     #[command(subcommand)]

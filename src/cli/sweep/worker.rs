@@ -10,8 +10,8 @@ use clap::Args;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-/// Do one run; exits with 0 if it is done (or was already, or another process has it), with 75 if it was interrupted
-/// and can be resumed.
+/// Do one run; exits with 0 if it is done (or was already, or another process has it), with 75 if it was interrupted,
+/// or the run is in use, and it should be called again.
 #[derive(Debug, Args)]
 pub(super) struct WorkerArgs {
     /// Folder of the sweep, with plan.json.

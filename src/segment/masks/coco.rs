@@ -56,8 +56,8 @@ struct Entry {
     segmentation: Shape,
     #[serde(default)]
     category_id: u64,
-    #[serde(alias = "score")]
     predicted_iou: Option<f32>,
+    score: Option<f32>,
     stability_score: Option<f32>,
 }
 
@@ -155,7 +155,7 @@ impl CocoFile {
         Ok(ForeignMask {
             mask,
             category: entry.category_id,
-            predicted_iou: score("predicted_iou", entry.predicted_iou)?,
+            predicted_iou: score("predicted_iou", entry.predicted_iou.or(entry.score))?,
             stability_score: score("stability_score", entry.stability_score)?,
         })
     }
@@ -191,6 +191,13 @@ mod tests {
             assert!(coco.masks(1).unwrap().is_empty());
             assert!(coco.masks(2).is_err());
         }
+    }
+
+    #[test]
+    fn a_predicted_iou_counts_before_a_score() {
+        let text =
+            file(r#"{"size":[3,2],"counts":"141"}"#).replace(r#""score":0.5"#, r#""score":0.5,"predicted_iou":0.75"#);
+        assert_eq!(open(&text).unwrap().masks(0).unwrap()[0].predicted_iou, 0.75);
     }
 
     #[test]
