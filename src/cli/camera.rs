@@ -26,6 +26,11 @@ pub(super) struct ViewArgs {
 }
 
 impl ViewArgs {
+    /// The value of `--view` as the name of a file, which need not exist.
+    pub(super) fn file(&self) -> Option<&Path> {
+        self.view.as_deref().map(Path::new)
+    }
+
     /// The chosen camera, if one was given. A saved view is resized to `--size` if that is given.
     ///
     /// # Errors

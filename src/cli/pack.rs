@@ -15,7 +15,7 @@ use std::path::PathBuf;
 pub struct PackArgs {
     /// Folder of the run.
     run: PathBuf,
-    /// Folder to write; an older packed run there is replaced.
+    /// Folder to write; an older packed run there is replaced, unless it holds results.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
     #[command(flatten)]

@@ -10,6 +10,7 @@ use crate::run::rendering::{Prepared, VolumeCosts, dataset_of, draw_run, table};
 use crate::volume::series::{Series, SeriesOptions};
 use clap::Args;
 use serde_json::json;
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::time::Instant;
@@ -81,9 +82,11 @@ impl RaycastArgs {
 /// The cost of the volumes, measured in a process started like this one, since peak memory is counted per process.
 fn volumes_alone(downscale: u32) -> Result<VolumeCosts, CliError> {
     let mut command = Command::new(program::executable());
-    let mut given = std::env::args_os().skip(1);
-    // right after the subcommand, as the arguments may end in `-- RUN`
-    command.args(given.next()).args(["--volumes-alone", &downscale.to_string()]).args(given);
+    let mut given: Vec<OsString> = std::env::args_os().skip(1).collect();
+    // right after the subcommand, as options may precede it, and the arguments may end in `-- RUN`
+    let at = given.iter().position(|argument| argument == "raycast").map_or(0, |at| at + 1);
+    given.splice(at..at, ["--volumes-alone".into(), downscale.to_string().into()]);
+    command.args(given);
     let output = command.stdin(Stdio::null()).output().map_err(CliError::failure)?;
     if !output.status.success() {
         let message = String::from_utf8_lossy(&output.stderr);

@@ -71,7 +71,10 @@ impl TrainArgs {
             None => dataset_of(&out)?,
         };
         let config = resolved.value.clone();
-        method::check(&config)?;
+        match start {
+            Start::New => method::check_new(&config)?,
+            _ => method::check(&config)?,
+        }
         #[cfg(feature = "view")]
         self.watch.check(&config)?;
         let dataset = open_dataset(&data, &config)?;

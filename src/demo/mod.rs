@@ -7,9 +7,9 @@ mod story;
 use crate::config::layers::Layers;
 use crate::config::types::Config;
 use crate::config::{PRESETS, RESERVED_VARIABLES};
-use crate::data::{Dataset, OpenOptions, SplitName};
+use crate::data::{Split, SplitName};
 use crate::eval::run::Evaluation;
-use crate::files::{LockError, RunLock, Work};
+use crate::files::{LockError, RunLock, Work, check_file};
 use crate::log::progress;
 use crate::method;
 use crate::prepare::views::{Times, ViewOptions};
@@ -18,9 +18,9 @@ use crate::prepare::{
 };
 use crate::run::measure::{MeasuredOn, measure};
 use crate::run::{AnyRun, OpenRun};
-use crate::train::TrainError;
 use crate::train::observer::NoObserver;
 use crate::train::run::{RunOptions, RunOutcome, Start};
+use crate::train::{TrainError, open_dataset};
 use crate::volume::placement::published_side;
 use crate::volume::raycast::DEFAULT_STEP;
 use crate::volume::synthetic::Synthetic;
@@ -92,7 +92,7 @@ pub(crate) struct Results<'a> {
     data: PathBuf,
     run: OpenRun,
     outcome: RunOutcome,
-    dataset: Dataset,
+    test: Split,
     evaluation: Evaluation,
     segments: segments::SegmentStory,
     stages: Vec<(String, f64)>,
@@ -111,11 +111,13 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
         .env(std::env::vars_os(), RESERVED_VARIABLES)
         .and_then(|layers| layers.sets(options.set.iter().cloned()).resolve::<Config>())
         .map_err(|e| DemoError::Input(format!("config: {e}")))?;
-    method::check(&resolved.value)?;
+    method::check_new(&resolved.value)?;
     if options.out.is_file() {
         return Err(DemoError::Input(format!("{}: is a file; choose another --out", options.out.display())));
     }
     std::fs::create_dir_all(&options.out).map_err(failed("prepare"))?;
+    let page = options.out.join("report.html");
+    check_file(&page).map_err(|e| DemoError::Input(e.to_string()))?;
     let mut stages = Vec::new();
     let (data, run_folder) = (options.out.join("data"), options.out.join("run"));
 
@@ -126,9 +128,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
 
     errln!("2/5 train: {} images", prepared.train_views);
     let started = Instant::now();
-    let splits = [SplitName::Train, SplitName::Test];
-    let open = OpenOptions { downscale: resolved.value.data.downscale, splits: &splits, max_views: None };
-    let dataset = Dataset::open(&data, &open).map_err(TrainError::Data)?;
+    let dataset = open_dataset(&data, &resolved.value).map_err(TrainError::Data)?;
     std::fs::create_dir_all(&run_folder).map_err(failed("train"))?;
     let lock = RunLock::acquire(&run_folder, COMMAND, Work::Long).map_err(|e| match e {
         LockError::Held { .. } => DemoError::Input(e.to_string()),
@@ -152,11 +152,11 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
     errln!("\n3/5 evaluate: {} test views", prepared.test_views);
     let started = Instant::now();
     let trained = AnyRun::open_any(&run_folder, &options.device.1).map_err(failed("evaluate"))?;
-    let on = MeasuredOn::own(&trained, dataset.times());
-    let test = dataset.test.as_ref().ok_or("no test views").map_err(failed("evaluate"))?;
+    let on = MeasuredOn::open(&trained, None).map_err(failed("evaluate"))?;
+    let test = trained.measured(SplitName::Test, None, None).map_err(failed("evaluate"))?;
     let bar = progress::bar(test.frames.len(), "views");
     let folder = trained.paths().eval().join("test");
-    let evaluation = measure(&trained, test, &[], &on, &folder, |done, psnr| {
+    let evaluation = measure(&trained, &test, &[], &on, &folder, |done, psnr| {
         bar.set_position(done as u64);
         bar.set_message(format!("{psnr:.2} dB"));
     })
@@ -172,8 +172,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
 
     errln!("5/5 report");
     let started = Instant::now();
-    let mut results = Results { options, prepared, data, run: trained, outcome, dataset, evaluation, segments, stages };
-    let page = options.out.join("report.html");
+    let mut results = Results { options, prepared, data, run: trained, outcome, test, evaluation, segments, stages };
     let pictures = story::pictures(&results).map_err(failed("report"))?;
     results.stages.push(("report".to_owned(), started.elapsed().as_secs_f64()));
     let report = story::assemble(&results, pictures).map_err(failed("report"))?;

@@ -40,7 +40,7 @@ pub(super) fn pictures(results: &Results<'_>) -> Result<Pictures, String> {
             png(&to_rgb8(&image, size as usize, size as usize))
         })
         .collect::<Result<_, _>>()?;
-    let test = results.dataset.test.as_ref().ok_or("no test views")?;
+    let test = &results.test;
     // the view of median quality: neither the best nor the worst
     let mut order: Vec<usize> = (0..results.evaluation.views.len()).collect();
     order.sort_by(|a, b| results.evaluation.views[*a].psnr.total_cmp(&results.evaluation.views[*b].psnr));

@@ -117,6 +117,9 @@ struct Encoder {
 impl Encoder {
     fn start(command: &mut Command) -> io::Result<Self> {
         command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
+        // Ctrl-C is for this program, which then ends the other
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(command, 0);
         let mut child = command.spawn()?;
         let message = child.stderr.take().map(|mut stderr| {
             std::thread::spawn(move || {

@@ -54,7 +54,9 @@ fn temporary_for(path: &Path) -> io::Result<PathBuf> {
 pub(super) fn host() -> u32 {
     static HOST: OnceLock<u32> = OnceLock::new();
     *HOST.get_or_init(|| {
-        let name = host_name().unwrap_or_default();
+        // containers may share the machine's name, but not its processes
+        let processes = fs::read_link("/proc/self/ns/pid").unwrap_or_default();
+        let name = format!("{}{}", host_name().unwrap_or_default(), processes.display());
         name.bytes().fold(0x811c_9dc5, |h: u32, b| (h ^ u32::from(b)).wrapping_mul(0x0100_0193))
     })
 }
@@ -324,7 +326,7 @@ pub fn remove_whole(path: &Path) -> io::Result<()> {
 /// process's open writers and of other running processes stay; those of other machines stay for a day.
 ///
 /// # Errors
-/// Any error of listing the folder or removing an entry.
+/// Any error of listing the folder. What cannot be removed stays.
 pub fn clean_stale(parent: &Path) -> io::Result<Vec<PathBuf>> {
     let parent = if parent.as_os_str().is_empty() { Path::new(".") } else { parent };
     let mut removed = Vec::new();
@@ -339,11 +341,9 @@ pub fn clean_stale(parent: &Path) -> io::Result<Vec<PathBuf>> {
         }
         let outcome =
             if entry.file_type()?.is_dir() { fs::remove_dir_all(entry.path()) } else { fs::remove_file(entry.path()) };
-        match outcome {
-            Ok(()) => removed.push(entry.path()),
-            // another process removed it at the same moment
-            Err(e) if e.kind() == io::ErrorKind::NotFound => {}
-            Err(e) => return Err(e),
+        // not if it was removed by another process at the same moment, or is another user's: no reason not to write
+        if outcome.is_ok() {
+            removed.push(entry.path());
         }
     }
     removed.sort();

@@ -34,6 +34,7 @@ mod d3dgs;
 mod d3dgs_tests;
 mod file;
 pub mod fourdgs;
+mod ignored;
 pub mod insitunet;
 mod layers;
 mod learner;
@@ -51,13 +52,13 @@ pub use d3dgs::D3dgs;
 pub use fourdgs::FourDgs;
 pub use volseggs::VolSegGs;
 
-use crate::config::types::{Config, VOLSEGGS, ViewOrder};
+use crate::config::types::{Config, VOLSEGGS};
 use crate::data::Dataset;
 use crate::files::RunLock;
 use crate::model::SceneError;
 use crate::registry::Registry;
 use crate::train::observer::Observer;
-use crate::train::run::{RunOptions, RunOutcome};
+use crate::train::run::{RunOptions, RunOutcome, Start};
 use crate::train::{TrainError, check_config};
 use burn::tensor::Device;
 use std::path::Path;
@@ -186,40 +187,21 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     let method = of(config)?;
     check_config(config)?;
     check_sections(config, &method).map_err(TrainError::Config)?;
-    if let Some(ignored) = ignored_by_networks(config) {
-        return Err(TrainError::Config(ignored));
-    }
     method.check(config).map_err(TrainError::Config)
 }
 
-/// Methods without Gaussians: of the shared sections they read `[data]` and `[output]` only.
-const NETWORKS: [&str; 3] = ["coordnet", "insitunet", "visnerf"];
-/// The sections that these do not read.
-const OF_GAUSSIANS: [&str; 7] = ["init", "model", "stages", "loss", "optim", "densify", "speed"];
-
-/// What is wrong with the first setting that a method without Gaussians would silently ignore.
-fn ignored_by_networks(config: &Config) -> Option<String> {
-    let method = NETWORKS.into_iter().find(|name| *name == config.method)?;
-    if config.data.background == "random" {
-        return Some(format!("data.background = \"random\": {method} needs one colour; set white, black or a colour"));
+/// As [`check`], for a run that is about to begin: also rejects settings that the method would silently ignore. Runs of
+/// earlier versions may hold such settings, and still go on.
+///
+/// # Errors
+/// The first invalid or ignored value, with its key.
+pub fn check_new(config: &Config) -> Result<(), TrainError> {
+    check(config)?;
+    match of(config)? {
+        Found::BuiltIn(_) => ignored::check(config).map_err(TrainError::Config),
+        // only the method itself knows what it reads
+        Found::Registered(_) => Ok(()),
     }
-    if config.data.order != ViewOrder::Shuffled {
-        return Some(format!("data.order: {method} draws views in its own way; remove the key"));
-    }
-    let [given, default] = [config, &Config::default()].map(|config| toml::Value::try_from(config).ok());
-    let (given, default) = (given?, default?);
-    for section in OF_GAUSSIANS {
-        let keys = given.get(section).and_then(toml::Value::as_table).into_iter().flatten();
-        for (key, value) in keys {
-            if default.get(section).and_then(|section| section.get(key)) != Some(value) {
-                return Some(format!(
-                    "{section}.{key} = {value}: {method} has no Gaussians and reads [{method}], [data] and [output] only; \
-                     remove the key, or start from the preset {method} instead of that of another method"
-                ));
-            }
-        }
-    }
-    None
 }
 
 /// Rejects sections and settings of methods other than the selected one, which would be silently ignored.
@@ -268,40 +250,9 @@ pub fn train(
     stop: &AtomicBool,
     observer: &mut dyn Observer,
 ) -> Result<RunOutcome, TrainError> {
+    if options.start == Start::New {
+        check_new(config)?;
+    }
     let training = start(config, dataset, device)?;
     crate::train::run::run(config, dataset, training, options, held, stop, observer)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::config::PRESETS;
-    use crate::config::layers::Layers;
-
-    #[test]
-    fn methods_without_gaussians_refuse_what_they_do_not_read() {
-        let checked = |preset: &str, set: &str| {
-            let layers = Layers::new(PRESETS).source(preset).sets([set.to_owned()]);
-            check(&layers.resolve::<Config>().unwrap().value).map_err(|e| e.to_string())
-        };
-        for method in NETWORKS {
-            checked(method, "output.eval_every=100").unwrap();
-            checked(method, "data.downscale=2").unwrap();
-            for (set, key) in [
-                ("loss.dssim=0.5", "loss.dssim = 0.5"),
-                ("optim.average=7", "optim.average = 7"),
-                ("stages.joint_steps=40000", "stages.joint_steps = 40000"),
-                ("data.background=random", "data.background"),
-                ("data.order=independent", "data.order"),
-            ] {
-                let error = checked(method, set).unwrap_err();
-                assert!(error.contains(key) && error.contains(method), "{error}");
-            }
-        }
-        // a preset of Gaussians with the method replaced
-        let mut quick: Config = Layers::new(PRESETS).source("quick").resolve().unwrap().value;
-        quick.method = "visnerf".into();
-        quick.visnerf = Some(crate::config::types::methods::VisNerfConfig::default());
-        assert!(check(&quick).unwrap_err().to_string().contains("reads [visnerf]"));
-    }
 }

@@ -17,7 +17,7 @@ pub(super) fn render(report: &Report) -> String {
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n\
          <meta name=\"color-scheme\" content=\"light dark\"/>\n\
          <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\"/>\n\
-         <link rel=\"icon\" href=\"data:,\"/>\n<title>{title}</title>\n<style>\n{CSS}</style>\n</head>\n\
+         <meta name=\"generator\" content=\"volseggs\"/>\n         <link rel=\"icon\" href=\"data:,\"/>\n<title>{title}</title>\n<style>\n{CSS}</style>\n</head>\n\
          <body id=\"top\">\n<a class=\"skip\" href=\"#main\">Skip to content</a>\n<header>\n<h1>{title}</h1>\n"
     );
     paragraph(&mut out, "lead", &report.subtitle);

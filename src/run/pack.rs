@@ -12,6 +12,7 @@ const KIND: FolderKind = FolderKind {
     what: "a packed run",
     markers: &["run.json"],
     entries: &[
+        ".lock",
         "config.toml",
         "edits.json",
         "segments/segments.safetensors",

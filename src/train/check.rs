@@ -300,12 +300,14 @@ fn check_registered(config: &Config) -> Result<(), TrainError> {
 }
 
 /// Describes the first number that is below 0, not finite (which JSON writes as null) or beyond single precision: no
-/// key accepts any of these.
+/// key accepts any of these, but that settings of registered methods may be negative.
 fn bad_number(value: &serde_json::Value, key: String) -> Option<String> {
     match value {
         serde_json::Value::Null => Some(format!("{key}: NaN or infinite; a finite number, 0 or above")),
         serde_json::Value::Number(n) => match n.as_f64() {
-            Some(v) if v < 0.0 => Some(format!("{key} = {n}: a finite number, 0 or above")),
+            Some(v) if v < 0.0 && !key.starts_with("method_settings.") => {
+                Some(format!("{key} = {n}: a finite number, 0 or above"))
+            }
             Some(v) if v > f64::from(f32::MAX) => Some(format!("{key} = {v:e}: too large, at most 3.4e38")),
             _ => None,
         },

@@ -276,6 +276,13 @@ fn the_demo_writes_a_report_and_can_be_repeated() {
     refused(volseggs().args(["demo", "--set", "nothing=1", "--out", &out]), &["nothing"]);
     let none = text(folder.path(), "none");
     refused(volseggs().args(["demo", "--set", "output.keep=0", "--out", &none]), &["output.keep"]);
+    let mut many = volseggs();
+    many.args(small.split_whitespace()).args([&out[..], "--set", "data.times=100"]);
+    refused(&mut many, &["data.times"]);
+    let foreign = text(folder.path(), "foreign");
+    std::fs::create_dir_all(&foreign).unwrap();
+    std::fs::write(folder.path().join("foreign/report.html"), "mine").unwrap();
+    refused(volseggs().args(["demo", "--out", &foreign]), &["report.html"]);
     assert!(!Path::new(&none).exists(), "refused before anything is written");
     let mut other = volseggs();
     other.args(small.split_whitespace()).args([&out[..], "--set", "loss.tv=0.5"]);
@@ -335,7 +342,20 @@ fn raycast_compares_the_costs_of_volumes_and_of_a_run() {
     assert_eq!(report["run"]["preparation_seconds"], json(&root.join("data/prepare.json"))["seconds"]);
     // arguments after `--` stay behind it
     let mut last = volseggs();
-    last.args(["raycast", "--steps", "2", "--views", "4", "--json", "--volume", &text(root, "v_*.raw"), "--", &run]);
+    last.args([
+        "--memory",
+        "4G",
+        "raycast",
+        "--steps",
+        "2",
+        "--views",
+        "4",
+        "--json",
+        "--volume",
+        &text(root, "v_*.raw"),
+        "--",
+        &run,
+    ]);
     last.assert().success();
     let table = raycast("v_*.raw", &[]).assert().success();
     let table = String::from_utf8(table.get_output().stdout.clone()).unwrap();

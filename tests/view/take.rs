@@ -1,6 +1,6 @@
 //! What users take away from the viewer: pictures that record what they show, and commands that draw them again.
 
-use crate::common::{BINARY, SIZE, run_json, volseggs};
+use crate::common::{BINARY, SIZE, refused, run_json, volseggs};
 use crate::socket::{Server, Window};
 use crate::{list, run, view};
 use serde_json::{Value, json};
@@ -53,6 +53,8 @@ fn a_saved_picture_and_its_command_draw_it_again() {
         let pixels = |bytes: &[u8]| image::load_from_memory(bytes).unwrap().to_rgb8();
         let again = rendered(root, "saved.png", &[]);
         assert!(pixels(&still.picture) == pixels(&again) && again == seen.picture, "{look}");
+        let over = ["render", "run", "--view", "saved.png", "--out", "saved.png"];
+        refused(volseggs().current_dir(root).args(over), &["saved.png", "is the file that --view reads"]);
         std::fs::write(root.join("view.json"), serde_json::to_string(&saved).unwrap()).unwrap();
         assert!(rendered(root, "view.json", &[]) == again);
         window.say(&json!({ "type": "command", "id": 10 }));

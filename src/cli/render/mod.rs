@@ -121,6 +121,16 @@ impl RenderArgs {
     fn draw(&self, run: &Path, draw: &mut Draw<'_>, views: &[(Camera, f64)], record: &Record) -> Result<f64, CliError> {
         let stop = stop_flag("stopping; nothing is written")?;
         let seconds = if is_film(&self.out) {
+            // a picture that holds a view has this program's mark, but the film would not hold the view
+            let whole = std::fs::canonicalize(&self.out).ok();
+            let read = [self.view.file(), Some(self.path.as_path())].into_iter().flatten();
+            if let Some(file) = read.into_iter().find(|f| whole.is_some() && std::fs::canonicalize(f).ok() == whole) {
+                return Err(CliError::input(format!(
+                    "--out {}: is the file that --{} reads; choose another name",
+                    self.out.display(),
+                    if file == self.path { "path" } else { "view" }
+                )));
+            }
             film(&self.out, draw, views, self.fps, &stop)?
         } else {
             let mut needed = vec![run];

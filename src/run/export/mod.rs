@@ -81,6 +81,8 @@ pub fn write_splats(
         };
         write(&at, &output.place(i).0).map_err(|e| match e {
             SplatFileError::Replace(e) => e.into(),
+            // an edit moved or scaled them beyond what the format holds
+            e @ SplatFileError::Shape(_) => RunError::input(format!("{e}; write .ply, or pass --no-edits")),
             e => RunError::failure(e),
         })?;
         if !goes_on() {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// `coordnet.*`: network and training of CoordNet. The defaults are the published settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, default)]
 pub struct CoordNetConfig {
     /// Widths of the first residual blocks, one block each; the last is also the width of the blocks that follow.
     pub widths: Vec<usize>,

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 /// `insitunet.*`: networks and training of InSituNet. The defaults are the published settings, enlarged to images of
 /// 1024x1024 pixels as in the VolSegGS paper.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, default)]
 pub struct InSituNetConfig {
     /// Channels of the generator at 4x4 pixels and after each block, which doubles the side: its images have a width
     /// and height of 4 * 2^(blocks) pixels.

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// `visnerf.*`: grids, networks and training of ViSNeRF. The defaults are the published settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[serde(deny_unknown_fields, default)]
 pub struct VisNerfConfig {
     /// Number of voxels in the box; with the box's shape it gives the number of nodes of planes and lines along each
     /// axis.

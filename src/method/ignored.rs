@@ -1,0 +1,133 @@
+//! Settings of the shared sections that a method does not read: in a new run they are refused, as two runs that differ
+//! in nothing else would be compared as if they differed.
+
+use super::{d3dgs, fourdgs};
+use crate::config::types::{Config, ViewOrder};
+use toml::Value;
+
+/// Methods without Gaussians: of the shared sections they read `[data]` and `[output]` only.
+const NETWORKS: [&str; 3] = ["coordnet", "insitunet", "visnerf"];
+/// The sections that these do not read.
+const OF_GAUSSIANS: [&str; 7] = ["init", "model", "stages", "loss", "optim", "densify", "speed"];
+/// Keys of the field, which other methods with Gaussians lack. Its encoder, embedding and regularisers are refused by
+/// the methods themselves.
+const OF_THE_FIELD: [&str; 16] = [
+    "levels",
+    "resolution",
+    "time_knots",
+    "time_curve",
+    "channels",
+    "width",
+    "decoder",
+    "zero_init_heads",
+    "bias_init",
+    "grid_init",
+    "time_range",
+    "implicit_width",
+    "implicit_depth",
+    "implicit_octaves",
+    "implicit_time_octaves",
+    "implicit_skip",
+];
+/// Rates of what 4DGS lacks.
+const RATES_OF_THE_FIELD: [&str; 3] = ["encoder", "decoder", "embedding"];
+
+/// Rejects a setting that the built-in method of `config` does not read and that is not the default.
+pub(super) fn check(config: &Config) -> Result<(), String> {
+    let method = config.method.as_str();
+    let changed = Changed::of(config);
+    if NETWORKS.contains(&method) {
+        if config.data.background == "random" {
+            return Err(format!(
+                "data.background = \"random\": {method} needs one colour; set white, black or a colour"
+            ));
+        }
+        if config.data.order != ViewOrder::Shuffled {
+            return Err(format!("data.order: {method} draws views in its own way; remove the key"));
+        }
+        let found = OF_GAUSSIANS.iter().find_map(|section| changed.first(section, |_| true));
+        let why = format!("has no Gaussians and reads [{method}], [data] and [output] only");
+        return found.map_or(Ok(()), |key| Err(refusal(&key, method, &why)));
+    }
+    let mut found = None;
+    if [d3dgs::NAME, fourdgs::NAME].contains(&method) {
+        found = changed.first("model", |key| OF_THE_FIELD.contains(&key));
+    }
+    if method == fourdgs::NAME {
+        found = found.or_else(|| changed.first("optim", |key| RATES_OF_THE_FIELD.contains(&key)));
+    }
+    found.map_or(Ok(()), |key| Err(refusal(&key, method, "has no such field")))
+}
+
+fn refusal(key: &str, method: &str, why: &str) -> String {
+    format!(
+        "{key}: {method} {why}; remove the key, or start from the preset {method} instead of that of another method"
+    )
+}
+
+/// A configuration beside the default one.
+struct Changed {
+    given: Option<Value>,
+    default: Option<Value>,
+}
+
+impl Changed {
+    fn of(config: &Config) -> Self {
+        let [given, default] = [config, &Config::default()].map(|config| Value::try_from(config).ok());
+        Self { given, default }
+    }
+
+    /// The first key of a section that counts and is not the default, with its value.
+    fn first(&self, section: &str, counts: impl Fn(&str) -> bool) -> Option<String> {
+        let of = |all: &Option<Value>| all.as_ref().and_then(|all| all.get(section)).and_then(Value::as_table).cloned();
+        let (given, default) = (of(&self.given)?, of(&self.default)?);
+        let found = given.iter().find(|(key, value)| counts(key) && default.get(*key) != Some(value));
+        found.map(|(key, value)| format!("{section}.{key} = {value}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{check as check_any, check_new};
+    use super::*;
+    use crate::config::PRESETS;
+    use crate::config::layers::Layers;
+    use crate::config::types::methods::VisNerfConfig;
+
+    fn config(preset: &str, set: &str) -> Config {
+        Layers::new(PRESETS).source(preset).sets([set.to_owned()]).resolve::<Config>().unwrap().value
+    }
+
+    #[test]
+    fn new_runs_refuse_what_the_method_does_not_read() {
+        let of_networks = [
+            ("loss.dssim=0.5", "loss.dssim = 0.5"),
+            ("optim.average=7", "optim.average = 7"),
+            ("stages.joint_steps=40000", "stages.joint_steps = 40000"),
+            ("data.background=random", "data.background"),
+            ("data.order=independent", "data.order"),
+        ];
+        let of_the_field = [("model.resolution=32", "model.resolution = 32"), ("model.width=8", "model.width = 8")];
+        let networks = NETWORKS.iter().flat_map(|method| of_networks.map(|(set, key)| (*method, set, key)));
+        let others = ["d3dgs", "4dgs"].into_iter().flat_map(|method| of_the_field.map(|(set, key)| (method, set, key)));
+        for (method, set, key) in networks.chain(others).chain([("4dgs", "optim.encoder=0.5", "optim.encoder = 0.5")]) {
+            let config = config(method, set);
+            let error = check_new(&config).unwrap_err().to_string();
+            assert!(error.contains(key) && error.contains(method), "{error}");
+            // a run of an earlier version goes on
+            check_any(&config).unwrap();
+        }
+        for method in NETWORKS.into_iter().chain(["d3dgs", "4dgs", "volseggs"]) {
+            let preset = if method == "volseggs" { "best" } else { method };
+            check_new(&config(preset, "output.eval_every=100")).unwrap();
+            check_new(&config(preset, "data.downscale=2")).unwrap();
+        }
+    }
+
+    #[test]
+    fn the_preset_of_another_method_is_refused() {
+        let mut quick = config("quick", "seed=1");
+        (quick.method, quick.visnerf) = ("visnerf".into(), Some(VisNerfConfig::default()));
+        assert!(check_new(&quick).unwrap_err().to_string().contains("reads [visnerf]"));
+    }
+}
