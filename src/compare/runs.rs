@@ -138,11 +138,7 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
             outcomes.iter().any(|o| o.variant == name && same(o))
         };
         let at = known.iter().position(|(c, name)| *c == config && !clash(name)).unwrap_or_else(|| {
-            let short = folder.file_name().map(|n| n.to_string_lossy().into_owned());
-            let whole = folder.display().to_string();
-            let numbered = (2..).map(|n| format!("{whole} ({n})"));
-            let mut names = short.into_iter().chain([whole.clone()]).chain(numbered);
-            let name = names.find(|name| known.iter().all(|(_, k)| k != name)).unwrap_or_else(|| whole.clone());
+            let name = row_name(folder, |name| known.iter().any(|(_, k)| k == name));
             known.push((config.clone(), name));
             known.len() - 1
         });
@@ -171,6 +167,14 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
         outcomes,
         paper: None,
     })
+}
+
+/// The first name for a row that is not taken: the folder's name, its path, or its path with a number.
+fn row_name(folder: &Path, is_taken: impl Fn(&str) -> bool) -> String {
+    let whole = folder.display().to_string();
+    let short = folder.file_name().map_or_else(|| whole.clone(), |n| n.to_string_lossy().into_owned());
+    let numbered = (2..).map(|n| format!("{whole} ({n})"));
+    [short, whole.clone()].into_iter().chain(numbered).find(|name| !is_taken(name)).unwrap_or(whole)
 }
 
 /// What a run was measured on.
@@ -296,10 +300,7 @@ mod tests {
         let [second, third] = [1, 2].map(|i| folders[i].display().to_string());
         assert_eq!(variants(&folders), ["a".to_owned(), second, third]);
         // even if the whole path is the short name of another run
-        let mut names = variants(&[folders[0].clone(), folders[1].clone(), folders[0].clone()]);
-        names.sort();
-        names.dedup();
-        assert_eq!(names.len(), 3, "{names:?}");
+        assert_eq!(row_name(Path::new("a"), |name| name == "a"), "a (2)");
     }
 
     #[test]

@@ -102,7 +102,7 @@ mod tests {
     fn new_runs_refuse_what_the_method_does_not_read() {
         let of_networks = [
             ("loss.dssim=0.5", "loss.dssim = 0.5"),
-            ("optim.average=7", "optim.average = 7"),
+            ("optim.average=70", "optim.average = 70"),
             ("stages.joint_steps=40000", "stages.joint_steps = 40000"),
             ("data.background=random", "data.background"),
             ("data.order=independent", "data.order"),
