@@ -29,9 +29,6 @@ const OF_THE_FIELD: [&str; 16] = [
     "implicit_time_octaves",
     "implicit_skip",
 ];
-/// Rates of what 4DGS lacks.
-const RATES_OF_THE_FIELD: [&str; 3] = ["encoder", "decoder", "embedding"];
-
 /// Rejects a setting that the built-in method of `config` does not read and that is not the default.
 pub(super) fn check(config: &Config) -> Result<(), String> {
     let method = config.method.as_str();
@@ -49,13 +46,10 @@ pub(super) fn check(config: &Config) -> Result<(), String> {
         let why = format!("has no Gaussians and reads [{method}], [data] and [output] only");
         return found.map_or(Ok(()), |key| Err(refusal(&key, method, &why)));
     }
-    let mut found = None;
-    if [d3dgs::NAME, fourdgs::NAME].contains(&method) {
-        found = changed.first("model", |key| OF_THE_FIELD.contains(&key));
+    if ![d3dgs::NAME, fourdgs::NAME].contains(&method) {
+        return Ok(());
     }
-    if method == fourdgs::NAME {
-        found = found.or_else(|| changed.first("optim", |key| RATES_OF_THE_FIELD.contains(&key)));
-    }
+    let found = changed.first("model", |key| OF_THE_FIELD.contains(&key));
     found.map_or(Ok(()), |key| Err(refusal(&key, method, "has no such field")))
 }
 
@@ -110,7 +104,7 @@ mod tests {
         let of_the_field = [("model.resolution=32", "model.resolution = 32"), ("model.width=8", "model.width = 8")];
         let networks = NETWORKS.iter().flat_map(|method| of_networks.map(|(set, key)| (*method, set, key)));
         let others = ["d3dgs", "4dgs"].into_iter().flat_map(|method| of_the_field.map(|(set, key)| (method, set, key)));
-        for (method, set, key) in networks.chain(others).chain([("4dgs", "optim.encoder=0.5", "optim.encoder = 0.5")]) {
+        for (method, set, key) in networks.chain(others) {
             let config = config(method, set);
             let error = check_new(&config).unwrap_err().to_string();
             assert!(error.contains(key) && error.contains(method), "{error}");
