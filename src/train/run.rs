@@ -353,7 +353,11 @@ pub fn run(
     if let Some(earlier) = earlier.filter(|_| record.steps == first) {
         // nothing was trained: build, device and threads stay those of the steps, which may be fewer than before
         let RunRecord { status, dataset, gaussians, .. } = record;
-        record = RunRecord { status, dataset, steps: first, training_seconds: seconds_before, gaussians, ..earlier };
+        let (seconds, gaussians) = match earlier.steps == first {
+            true => (earlier.training_seconds, earlier.gaussians),
+            false => (seconds_before, gaussians),
+        };
+        record = RunRecord { status, dataset, steps: first, training_seconds: seconds, gaussians, ..earlier };
     }
     write_record(&record)?;
     Ok(RunOutcome { record, complete, test_psnr, changed })

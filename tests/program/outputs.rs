@@ -47,7 +47,8 @@ fn bytes_of(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 
 /// Returns the name of a temporary of `name` as a killed process leaves it: no process has such a high number.
 fn leftover(name: &str) -> String {
-    let host = volseggs::process::host_name().unwrap_or_default();
+    let processes = std::fs::read_link("/proc/self/ns/pid").unwrap_or_default();
+    let host = format!("{}{}", volseggs::process::host_name().unwrap_or_default(), processes.display());
     let host = host.bytes().fold(0x811c_9dc5, |h: u32, b| (h ^ u32::from(b)).wrapping_mul(0x0100_0193));
     format!(".tmp-{name}-4294967290@{host:08x}-0")
 }
