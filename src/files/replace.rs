@@ -146,6 +146,12 @@ fn refuse_needed(path: &Path, needed: &[&Path]) -> Result<(), ReplaceError> {
     Ok(())
 }
 
+/// Returns the first of `others` that is the file at `path`, under whatever name; `None` if nothing is there.
+pub fn same_file<'a>(path: &Path, others: impl IntoIterator<Item = &'a Path>) -> Option<&'a Path> {
+    let whole = path.canonicalize().ok()?;
+    others.into_iter().find(|other| other.canonicalize().is_ok_and(|other| other == whole))
+}
+
 /// Checks that a file named by a user may be written at `path`: its folder exists, and a file already at the path is
 /// empty or was made by this program ([`MARK`]).
 ///

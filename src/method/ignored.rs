@@ -29,6 +29,7 @@ const OF_THE_FIELD: [&str; 16] = [
     "implicit_time_octaves",
     "implicit_skip",
 ];
+
 /// Rejects a setting that the built-in method of `config` does not read and that is not the default.
 pub(super) fn check(config: &Config) -> Result<(), String> {
     let method = config.method.as_str();

@@ -57,12 +57,7 @@ pub fn backward(
 }
 
 fn check(shape: &FieldShape, params: FieldParams<'_>, points: &[f32], features: usize) {
-    if let Err(error) = shape.validate() {
-        panic!("{error}");
-    }
-    assert_eq!(params.planes.len(), shape.planes_len(), "planes");
-    assert_eq!(params.lines.len(), shape.lines_len(), "lines");
-    assert_eq!(params.times.len(), shape.times_len(), "times");
+    shape.check([params.planes.len(), params.lines.len(), params.times.len()]);
     assert!(points.len().is_multiple_of(3), "points: [N, 3]");
     assert_eq!(features, points.len() / 3 * shape.features_len(), "features: [N, levels * R]");
 }

@@ -37,7 +37,6 @@ pub mod shape;
 mod tests;
 
 pub use cpu::{backward, forward};
-pub(crate) use ops::check;
 pub use ops::{FieldBackwardOps, FieldOps, FieldTensors, field};
 pub use params::{FieldGrads, FieldParams};
 pub use shape::{FieldShape, FieldShapeError, LevelShape, TensorSpan};

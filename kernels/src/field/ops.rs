@@ -61,7 +61,7 @@ pub fn field(
     shape: &FieldShape,
     time: f32,
 ) -> Tensor<2> {
-    check(shape, [&planes, &lines, &times].map(|buffer| buffer.dims()[0]));
+    shape.check([&planes, &lines, &times].map(|buffer| buffer.dims()[0]));
     let [n, three] = points.dims();
     assert_eq!(three, 3, "field: points are [N, 3], got [{n}, {three}]");
     let inputs = FieldTensors {
@@ -71,16 +71,6 @@ pub fn field(
         points: points.into_dispatch(),
     };
     Tensor::from_dispatch(Dispatch::field_forward(inputs, shape.clone(), time))
-}
-
-/// Checks the lengths of the planes, lines and times, which a kernel on a GPU cannot.
-pub(crate) fn check(shape: &FieldShape, [planes, lines, times]: [usize; 3]) {
-    if let Err(error) = shape.validate() {
-        panic!("{error}");
-    }
-    assert_eq!(planes, shape.planes_len(), "field: planes");
-    assert_eq!(lines, shape.lines_len(), "field: lines");
-    assert_eq!(times, shape.times_len(), "field: times");
 }
 
 fn cpu_forward<B: CpuBackend>(inputs: &FieldTensors<B>, shape: &FieldShape, time: f32) -> FloatTensor<B> {

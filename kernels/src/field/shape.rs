@@ -86,6 +86,19 @@ impl FieldShape {
         Ok(())
     }
 
+    /// Checks that the shape is valid and that planes, lines and times have these lengths.
+    ///
+    /// # Panics
+    /// If not.
+    pub(crate) fn check(&self, [planes, lines, times]: [usize; 3]) {
+        if let Err(error) = self.validate() {
+            panic!("{error}");
+        }
+        assert_eq!(planes, self.planes_len(), "planes");
+        assert_eq!(lines, self.lines_len(), "lines");
+        assert_eq!(times, self.times_len(), "times");
+    }
+
     /// Features per point: `levels * R`.
     #[must_use]
     pub fn features_len(&self) -> usize {

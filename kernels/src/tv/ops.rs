@@ -2,7 +2,7 @@
 
 use super::{TvGrads, TvKind, TvWeights, tv};
 use crate::backend::CpuBackend;
-use crate::field::{FieldParams, FieldShape, check};
+use crate::field::{FieldParams, FieldShape};
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
@@ -49,7 +49,7 @@ pub fn total_variation(
     kind: TvKind,
     weights: TvWeights,
 ) -> Tensor<1> {
-    check(shape, [&planes, &lines, &times].map(|buffer| buffer.dims()[0]));
+    shape.check([&planes, &lines, &times].map(|buffer| buffer.dims()[0]));
     let (planes, lines, times) = (planes.into_dispatch(), lines.into_dispatch(), times.into_dispatch());
     Tensor::from_dispatch(Dispatch::tv_forward(planes, lines, times, shape.clone(), kind, weights).value)
 }

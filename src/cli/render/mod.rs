@@ -8,6 +8,7 @@ use super::shown::ShownArgs;
 use super::values::{count, fraction, positive};
 use super::{CliError, Common, print_json, stop_flag};
 use crate::data::Camera;
+use crate::files::same_file;
 use crate::run::frames::{Draw, Frames, Record, film, is_film};
 use crate::run::look::{Legend, Look};
 use crate::run::{AnyRun, OpenRun, Trained};
@@ -122,9 +123,8 @@ impl RenderArgs {
         let stop = stop_flag("stopping; nothing is written")?;
         let seconds = if is_film(&self.out) {
             // a picture that holds a view has this program's mark, but the film would not hold the view
-            let whole = std::fs::canonicalize(&self.out).ok();
-            let read = [self.view.file(), Some(self.path.as_path())].into_iter().flatten();
-            if let Some(file) = read.into_iter().find(|f| whole.is_some() && std::fs::canonicalize(f).ok() == whole) {
+            let read = self.view.file().into_iter().chain([self.path.as_path()]);
+            if let Some(file) = same_file(&self.out, read) {
                 return Err(CliError::input(format!(
                     "--out {}: is the file that --{} reads; choose another name",
                     self.out.display(),

@@ -1,7 +1,7 @@
 //! Destination of exported files: a single file that the user named, or a folder with one file per time.
 
 use super::super::{OpenRun, RunError};
-use crate::files::{AtomicDir, FolderKind, check_file};
+use crate::files::{AtomicDir, FolderKind, check_file, same_file};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -56,9 +56,7 @@ impl Output {
     /// If something else is there, it is itself one of `needed`, or its folder is missing.
     pub fn file(path: &Path, extension: &'static str, needed: &[&Path]) -> Result<Self, RunError> {
         check_file(path)?;
-        let whole = std::fs::canonicalize(path);
-        let is_it = |other: &&Path| whole.as_ref().is_ok_and(|w| std::fs::canonicalize(other).is_ok_and(|o| o == *w));
-        if needed.iter().any(is_it) {
+        if same_file(path, needed.iter().copied()).is_some() {
             let problem = "is an input of this command and would be overwritten; choose another name with --out";
             return Err(RunError::input(format!("{}: {problem}", path.display())));
         }
