@@ -5,8 +5,8 @@
 //! Markdown tables. The whole step reads a dataset of two views from a temporary folder, removed at the end.
 //!
 //! `cargo bench --bench train_step -- --scene SCENE.safetensors --data DATASET` uses a trained scene and its training
-//! images instead. The scene must have SH degree 3. With `--gpu`, the whole step and the frames are measured on the
-//! adapter that wgpu prefers, and the single stages are skipped.
+//! images instead. The scene must have SH degree 3. With `--device wgpu` or `--device cuda`, the whole step and the frames
+//! are measured on that GPU, and the single stages are skipped.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 #[path = "../kernels/benches/common/mod.rs"]
@@ -44,18 +44,18 @@ const DISTANCE: f64 = 4.0;
 type Stage = (&'static str, Samples);
 
 fn main() {
-    let (words, repeats) = common::arguments(7);
+    let (words, repeats, device_name) = common::arguments(7);
     let repeats = repeats.max(5);
     let after = |flag: &str| words.iter().position(|w| w == flag).and_then(|i| words.get(i + 1));
     let trained = after("--scene").zip(after("--data"));
-    let on_gpu = words.iter().any(|w| w == "--gpu");
-    let device = if on_gpu { DeviceName::Wgpu.open().unwrap() } else { Device::flex() };
+    let device = device_name.parse::<DeviceName>().and_then(DeviceName::open).unwrap();
+    let on_gpu = volseggs::device::runs_ahead(&device);
     let mut sizes: Vec<usize> = words.iter().filter_map(|w| w.parse().ok()).collect();
     if sizes.is_empty() {
         sizes = vec![10_000, 50_000, 150_000];
     }
     println!(
-        "{SIZE}x{SIZE}, {} threads, {}; milliseconds, min / median of {repeats} runs",
+        "{SIZE}x{SIZE}, {device_name}, {} threads, {}; milliseconds, min / median of {repeats} runs",
         rayon::current_num_threads(),
         volseggs_kernels::simd_level()
     );

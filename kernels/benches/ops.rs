@@ -1,8 +1,8 @@
 //! Measures splatting, forward and forward plus backward, on three translucent scenes, with one and two threads.
 //!
-//! `cargo bench -p volseggs-kernels --bench ops -- [S] [M] [L] [--repeats N] [--gpu]`. Prints a Markdown table and
-//! writes nothing. The gradient of the image (L2 against noise) is computed beforehand and not timed. With `--gpu`,
-//! runs on the adapter that wgpu prefers instead of the CPU; each run then ends when the device has finished.
+//! `cargo bench -p volseggs-kernels --bench ops -- [S] [M] [L] [--repeats N] [--device flex|wgpu|cuda]`. Prints a
+//! Markdown table and writes nothing. The gradient of the image (L2 against noise) is computed beforehand and not timed.
+//! On a GPU, each run ends when the device has finished.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod common;
@@ -20,35 +20,29 @@ fn finished<T>(device: &Device, value: T) -> T {
     value
 }
 
-#[cfg(feature = "wgpu")]
-fn gpu_device() -> Device {
-    Device::wgpu_options().init().unwrap()
-}
-
-#[cfg(feature = "wgpu")]
-fn gpu_name(device: &Device) -> String {
-    device.identity().map_or_else(|| "GPU".to_owned(), |found| found.name.to_string())
-}
-
-#[cfg(not(feature = "wgpu"))]
-fn gpu_device() -> Device {
-    panic!("built without the feature wgpu")
-}
-
-#[cfg(not(feature = "wgpu"))]
-fn gpu_name(_: &Device) -> String {
-    "GPU".to_owned()
+/// Opens a compiled-in device: `flex`, the adapter that wgpu prefers, or the first CUDA device.
+fn open(name: &str) -> Device {
+    match name {
+        "flex" => Device::flex(),
+        #[cfg(feature = "wgpu")]
+        "wgpu" => Device::wgpu_options().init().unwrap(),
+        #[cfg(feature = "cuda")]
+        "cuda" => Device::cuda(0),
+        other => panic!("no device \"{other}\" in this build"),
+    }
 }
 
 fn main() {
-    let (names, repeats) = common::arguments(9);
-    let gpu = names.iter().any(|word| word == "--gpu");
-    let names: Vec<String> = names.into_iter().filter(|word| word != "--gpu").collect();
-    let (device, threads) = if gpu { (gpu_device(), vec![1]) } else { (Device::flex(), vec![1, 2]) };
-    println!(
-        "kernels: {}; milliseconds, {repeats} runs after one that is not counted\n",
-        if gpu { gpu_name(&device) } else { volseggs_kernels::simd_level() }
-    );
+    let (names, repeats, device_name) = common::arguments(9);
+    let device = open(&device_name);
+    let on_cpu = device_name == "flex";
+    let threads = if on_cpu { vec![1, 2] } else { vec![1] };
+    let kernels = if on_cpu {
+        volseggs_kernels::simd_level()
+    } else {
+        device.identity().map_or_else(|| device_name.clone(), |found| format!("{device_name}, {}", found.name))
+    };
+    println!("kernels: {kernels}; milliseconds, {repeats} runs after one that is not counted\n");
     println!("| scene | pass | threads | wall min | wall median | CPU min | CPU median |");
     println!("|---|---|--:|--:|--:|--:|--:|");
     let mut notes = Vec::new();

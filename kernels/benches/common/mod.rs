@@ -226,16 +226,18 @@ pub fn process_cpu_ms() -> f64 {
     f64::NAN
 }
 
-/// Parses the command line: bare words, and the number after `--repeats`. Cargo's own `--bench` is ignored.
-pub fn arguments(default_repeats: usize) -> (Vec<String>, usize) {
-    let (mut words, mut repeats) = (Vec::new(), default_repeats);
+/// Parses the command line: bare words, the number after `--repeats`, and the name after `--device`, which is `flex`
+/// if not given. Cargo's own `--bench` is ignored.
+pub fn arguments(default_repeats: usize) -> (Vec<String>, usize, String) {
+    let (mut words, mut repeats, mut device) = (Vec::new(), default_repeats, "flex".to_owned());
     let mut rest = std::env::args().skip(1);
     while let Some(word) = rest.next() {
         match word.as_str() {
             "--bench" => {}
             "--repeats" => repeats = rest.next().and_then(|n| n.parse().ok()).unwrap_or(default_repeats).max(1),
+            "--device" => device = rest.next().expect("a device after --device"),
             _ => words.push(word),
         }
     }
-    (words, repeats)
+    (words, repeats, device)
 }
