@@ -3,23 +3,16 @@
 
 use super::densify::Statistics;
 use crate::model::params::to_vec;
-use burn::tensor::activation::sigmoid;
 use burn::tensor::{Int, Tensor};
-
-/// Values accumulated on the device since the last [`Gathered::replace`]; each `[N]`.
-#[derive(Clone, Debug)]
-struct Waiting {
-    gradient: Tensor<1>,
-    views: Tensor<1>,
-    opacity: Tensor<1>,
-}
+use volseggs_kernels::splat::ViewSums;
 
 /// Statistics on the host and on the device.
 #[derive(Clone, Debug)]
 pub struct Gathered {
     host: Statistics,
     on_device: bool,
-    waiting: Option<Waiting>,
+    /// Sums on the device since the last [`Gathered::replace`].
+    waiting: Option<ViewSums>,
 }
 
 /// Contribution of one step, without gradients.
@@ -54,23 +47,15 @@ impl Gathered {
             self.host.add_opacity(&to_vec(view.logits));
             return;
         }
-        let n = view.radii.dims()[0];
-        let opacity = sigmoid(view.logits);
-        let seen = view.radii.greater_elem(0).float();
-        let gradient = match view.screen {
-            Some(screen) => {
-                let scale = Tensor::<1>::from_floats(view.size.map(|s| 0.5 * s as f32), &screen.device());
-                let scaled = screen * scale.reshape([1, 2]);
-                (scaled.clone() * scaled).sum_dim(1).sqrt().reshape([n]) * seen.clone()
-            }
-            None => seen.zeros_like(),
+        let zeros = || view.logits.zeros_like();
+        let sums =
+            self.waiting.take().unwrap_or_else(|| ViewSums { gradient: zeros(), views: zeros(), opacity: zeros() });
+        // without a gradient the host counts no view either
+        let (screen, radii) = match view.screen {
+            Some(screen) => (screen, view.radii),
+            None => (Tensor::zeros([view.radii.dims()[0], 2], &view.logits.device()), view.radii.zeros_like()),
         };
-        self.waiting = Some(match self.waiting.take() {
-            Some(w) => {
-                Waiting { gradient: w.gradient + gradient, views: w.views + seen, opacity: w.opacity.max_pair(opacity) }
-            }
-            None => Waiting { gradient, views: seen, opacity },
-        });
+        self.waiting = Some(sums.add(screen, radii, view.logits, view.size));
     }
 
     /// Returns all statistics gathered so far; waits for the device if it holds some.
@@ -95,32 +80,36 @@ impl Gathered {
 }
 
 #[cfg(test)]
+#[cfg(any(feature = "wgpu", feature = "cuda"))]
 mod tests {
     use super::*;
     use crate::device::DeviceName;
+    use burn::tensor::Device;
 
-    #[test]
-    fn both_sides_gather_the_same() {
-        let device = DeviceName::all()[0].open().unwrap();
-        let view = |k: f32| View {
-            screen: Some(Tensor::from_floats([[3.0 * k, 4.0], [1.0, k]], &device)),
-            radii: Tensor::from_ints([2, i32::from(k > 1.0)], &device),
-            logits: Tensor::from_floats([k - 1.0, -k], &device),
+    fn both_sides_gather_the_same(gpu: Device) {
+        let view = |k: f32, device: &Device| View {
+            screen: (k != 3.0).then(|| Tensor::from_floats([[3.0 * k, 4.0], [1.0, k]], device)),
+            radii: Tensor::from_ints([2, i32::from(k > 1.0)], device),
+            logits: Tensor::from_floats([k - 1.0, -k], device),
             size: [20, 10],
         };
-        let run = |on_device| {
+        let run = |on_device: bool, device: &Device| {
             let mut g = Gathered::new(2, on_device);
             for k in 0..4 {
-                g.add(view(k as f32));
+                g.add(view(k as f32, device));
                 if k == 1 {
                     g.replace(|s| s);
                 }
             }
             g.to_host()
         };
-        let (host, device) = (run(false), run(true));
-        assert_eq!(host.views, device.views);
+        let cpu = DeviceName::all()[0].open().unwrap();
+        let (host, device) = (run(false, &cpu), run(true, &gpu));
         let near = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5 * a.abs().max(1.0));
+        assert_eq!(host.gradient.len(), device.gradient.len());
         assert!(near(&host.gradient, &device.gradient) && near(&host.opacity, &device.opacity), "{host:?} {device:?}");
+        assert_eq!(host.views, device.views);
     }
+
+    volseggs_testing::on_every_gpu!(crate::device::open_to_test => both_sides_gather_the_same);
 }

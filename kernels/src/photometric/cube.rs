@@ -1,13 +1,15 @@
-//! The distance between two images on a GPU: one pass, sums in a fixed order.
+//! The distance between two images on a GPU: one pass, sums in a fixed order; and the target image from its bytes.
 
 use super::Distance;
 use super::ops::{PhotometricForward, PhotometricOps};
+use super::target::TargetOps;
 use crate::cube::reduce::{over_cube, total};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, rows};
-use burn::backend::tensor::FloatTensor;
+use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
+use burn_cubecl::kernel::into_contiguous;
 
 /// Values per unit.
 const VALUES_PER_UNIT: u32 = 16;
@@ -94,5 +96,41 @@ impl PhotometricOps for CubeBackend {
         total(&client, &values, &out.value, 1.0);
         total(&client, &squares, &out.squared, 1.0 / (3.0 * pixels));
         out
+    }
+}
+
+#[cube(launch)]
+fn composite(words: &[u32], image: &mut [f32], pixels: u32, red: f32, green: f32, blue: f32) {
+    if ABSOLUTE_POS < pixels as usize {
+        let word = words[ABSOLUTE_POS];
+        let alpha = f32::cast_from(word >> 24u32) / 255.0f32;
+        let rest = 1.0f32 - alpha;
+        let at = 4 * ABSOLUTE_POS;
+        image[at] = f32::cast_from(word & 255u32) / 255.0f32 * alpha + rest * red;
+        image[at + 1] = f32::cast_from((word >> 8u32) & 255u32) / 255.0f32 * alpha + rest * green;
+        image[at + 2] = f32::cast_from((word >> 16u32) & 255u32) / 255.0f32 * alpha + rest * blue;
+        image[at + 3] = alpha;
+    }
+}
+
+impl TargetOps for CubeBackend {
+    fn composite_bytes(words: IntTensor<Self>, size: [usize; 2], background: [f32; 3]) -> FloatTensor<Self> {
+        assert_eq!(words.dtype, burn::tensor::DType::I32, "a word per pixel");
+        let words = into_contiguous(words);
+        let pixels = size[0] * size[1];
+        let image = empty_f32(&words, [size[0], size[1], 4]);
+        let [red, green, blue] = background;
+        composite::launch(
+            &words.client.clone(),
+            cubes(pixels, UNITS),
+            CubeDim::new_1d(UNITS),
+            arg(&words),
+            arg(&image),
+            pixels as u32,
+            red,
+            green,
+            blue,
+        );
+        image
     }
 }

@@ -6,12 +6,14 @@ pub mod cpu;
 mod cube;
 mod ops;
 pub mod reference;
+mod target;
 
 #[cfg(test)]
 mod tests;
 
 pub use cpu::photometric;
 pub use ops::{Photometric, PhotometricForward, PhotometricOps, photometric_loss};
+pub use target::{TargetOps, target};
 
 /// How a difference is measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -22,6 +22,7 @@ pub(crate) mod cpu;
 #[cfg(feature = "cube")]
 mod cube;
 pub mod reference;
+mod views;
 
 use crate::Camera;
 use crate::shading::{Shading, shaded};
@@ -32,6 +33,7 @@ use std::any::Any;
 use std::sync::Arc;
 
 pub use covariances::{CovarianceInputs, splat_covariances};
+pub use views::{SumsOfViews, ViewSums, ViewSumsOps};
 
 /// Alpha is clamped to this value.
 pub const ALPHA_MAX: f32 = 0.99;

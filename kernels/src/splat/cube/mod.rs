@@ -17,6 +17,7 @@ mod project;
 mod project_backward;
 pub(super) mod rule;
 mod sh;
+mod views;
 
 use super::{CovarianceTensors, SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, empty_i32, rows};
