@@ -231,7 +231,7 @@ impl Trainer {
         }
         self.statistics.add(View {
             screen: offsets.grad_remove(&mut gradients),
-            radii: drawn.radii,
+            radii: drawn.radii.inner(),
             logits,
             size: [split.images.width as usize, split.images.height as usize],
         });

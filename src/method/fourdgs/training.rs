@@ -237,7 +237,7 @@ impl Training for Fit {
         self.note_by_time(&gradients);
         self.statistics.add(View {
             screen: offsets.grad_remove(&mut gradients),
-            radii: drawn.radii,
+            radii: drawn.radii.inner(),
             logits: logits.inner(),
             size: [split.images.width as usize, split.images.height as usize],
         });
