@@ -32,16 +32,22 @@ fn open(name: &str) -> Device {
     }
 }
 
+#[cfg(any(feature = "wgpu", feature = "cuda"))]
+fn adapter(device: &Device) -> String {
+    volseggs_kernels::gpu_paths(device).map_or_else(|| "GPU".to_owned(), |paths| paths.adapter)
+}
+
+#[cfg(not(any(feature = "wgpu", feature = "cuda")))]
+fn adapter(_: &Device) -> String {
+    "GPU".to_owned()
+}
+
 fn main() {
     let (names, repeats, device_name) = common::arguments(9);
     let device = open(&device_name);
     let on_cpu = device_name == "flex";
     let threads = if on_cpu { vec![1, 2] } else { vec![1] };
-    let kernels = if on_cpu {
-        volseggs_kernels::simd_level()
-    } else {
-        device.identity().map_or_else(|| device_name.clone(), |found| format!("{device_name}, {}", found.name))
-    };
+    let kernels = if on_cpu { volseggs_kernels::simd_level() } else { format!("{device_name}, {}", adapter(&device)) };
     println!("kernels: {kernels}; milliseconds, {repeats} runs after one that is not counted\n");
     println!("| scene | pass | threads | wall min | wall median | CPU min | CPU median |");
     println!("|---|---|--:|--:|--:|--:|--:|");
