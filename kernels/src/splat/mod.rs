@@ -33,7 +33,7 @@ use std::any::Any;
 use std::sync::Arc;
 
 pub use covariances::{CovarianceInputs, splat_covariances};
-pub use views::{SumsOfViews, ViewSums, ViewSumsOps};
+pub use views::{ViewSums, ViewSumsOps, ViewSumsOutput};
 
 /// Alpha is clamped to this value.
 pub const ALPHA_MAX: f32 = 0.99;

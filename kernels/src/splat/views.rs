@@ -7,9 +7,9 @@ use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{Backend, Dispatch, ExtensionType, backend_extension};
 use burn::tensor::{Int, Tensor};
 
-/// The statistics on a backend.
+/// Result of adding a view, on a backend.
 #[derive(ExtensionType)]
-pub struct SumsOfViews<B: Backend> {
+pub struct ViewSumsOutput<B: Backend> {
     /// See [`ViewSums::gradient`].
     pub gradient: FloatTensor<B>,
     /// See [`ViewSums::views`].
@@ -41,7 +41,7 @@ pub trait ViewSumsOps: Backend {
         radii: IntTensor<Self>,
         logits: FloatTensor<Self>,
         scale: [f32; 2],
-    ) -> SumsOfViews<Self>;
+    ) -> ViewSumsOutput<Self>;
 }
 
 impl ViewSums {

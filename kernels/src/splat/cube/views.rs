@@ -1,7 +1,7 @@
 //! Statistics of views for densification, one unit per Gaussian.
 
 use crate::cube::{UNITS, arg, cubes, empty_f32, rows};
-use crate::splat::views::{SumsOfViews, ViewSumsOps};
+use crate::splat::views::{ViewSumsOps, ViewSumsOutput};
 use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::cubecl;
@@ -44,11 +44,11 @@ impl ViewSumsOps for CubeBackend {
         radii: IntTensor<Self>,
         logits: FloatTensor<Self>,
         scale: [f32; 2],
-    ) -> SumsOfViews<Self> {
+    ) -> ViewSumsOutput<Self> {
         let (gradient, views, opacity) = (rows(gradient), rows(views), rows(opacity));
         let (screen, radii, logits) = (rows(screen), into_contiguous(radii), rows(logits));
         let n = views.meta.shape().num_elements();
-        let out = SumsOfViews {
+        let out = ViewSumsOutput {
             gradient: empty_f32(&gradient, [n]),
             views: empty_f32(&gradient, [n]),
             opacity: empty_f32(&gradient, [n]),
