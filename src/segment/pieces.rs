@@ -61,6 +61,18 @@ pub fn without_strays(at: &HostGaussians, members: &[u32], kept: Option<u32>) ->
     Ok(members.iter().zip(&found.labels).filter(|(_, l)| stays(**l)).map(|(m, _)| *m).collect())
 }
 
+/// Returns which of the Gaussians `at` are visible strays, `[N]`: in pieces that do not touch the rest and are small
+/// relative to the largest.
+///
+/// # Errors
+/// If the arrays of `at` disagree, or points are too far apart.
+pub fn strays(at: &HostGaussians) -> Result<Vec<bool>, PointsError> {
+    let all: Vec<u32> = (0..at.len() as u32).collect();
+    let found = pieces(at, &all, Touch::SEEN)?;
+    let most = found.weights.iter().copied().fold(0.0, f64::max);
+    Ok(found.labels.iter().map(|&l| l > 0 && found.weights[l as usize - 1] < STRAY * most).collect())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -86,6 +98,7 @@ mod tests {
         assert_eq!(without_strays(&at, &[], None).unwrap(), [0u32; 0]);
         assert_eq!(without_strays(&at, &all, Some(40)).unwrap(), all, "the clicked one is none");
         assert_eq!(without_strays(&at, &all, Some(3)).unwrap(), all[..40]);
+        assert_eq!(strays(&at).unwrap(), (0..n).map(|i| i == 40).collect::<Vec<_>>());
         at.opacity_logits[13..18].fill(-8.0);
         let parted = pieces(&at, &all, Touch::SEEN).unwrap().labels;
         assert_eq!((parted[15], parted[12] == parted[18]), (0, false), "invisible Gaussians connect nothing");

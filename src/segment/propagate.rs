@@ -6,8 +6,11 @@
 //! later. In between, both are visible and overlap: at each of many times, from that of the click outwards, Gaussians
 //! that have appeared join the nearest ones that they overlap, whether these are selected or not. Gaussians that appear
 //! on their own, as a new object does, join none.
+//!
+//! Fading is rarely complete: at the time of the click, what an object consists of at other times is left as scattered
+//! faint [`strays`]. Unless selected, these are treated as invisible then.
 
-use super::pieces::SEEN;
+use super::pieces::{SEEN, strays};
 use crate::model::{HostGaussians, Scene};
 use crate::points::PointsError;
 use crate::points::chunks::point;
@@ -25,8 +28,8 @@ const OVERLAP: f32 = 1.0;
 const VOTERS: usize = 6;
 
 /// Extends what was `selected` at `time` in [0, 1] among the Gaussians `within` to all times: adds those invisible at
-/// that time that appear in it at another. Both lists and the result are ascending. Where opacities do not change over
-/// time, the result is `selected`.
+/// that time, or [`strays`] then, that appear in it at another. Both lists and the result are ascending. Where
+/// opacities do not change over time, the result is `selected`.
 ///
 /// # Errors
 /// If arrays of the scene disagree.
@@ -44,7 +47,9 @@ pub fn propagate(scene: &Scene, selected: &[u32], within: &[u32], time: f64) -> 
 fn propagated(was: &[bool], time: f64, at: impl Fn(f64) -> HostGaussians) -> Result<Vec<bool>, PointsError> {
     let seen = |at: &HostGaussians, i: usize| at.opacity_of(i) >= SEEN && at.is_finite(i);
     let first = at(time);
-    let mut known: Vec<Option<bool>> = (0..was.len()).map(|i| seen(&first, i).then_some(was[i])).collect();
+    let stray = strays(&first)?;
+    let is_known = |i: usize| seen(&first, i) && (was[i] || !stray[i]);
+    let mut known: Vec<Option<bool>> = (0..was.len()).map(|i| is_known(i).then_some(was[i])).collect();
     for time in outwards(time) {
         let at = at(time);
         let (there, open): (Vec<u32>, Vec<u32>) =
@@ -127,6 +132,32 @@ mod tests {
             let found = propagated(&was, time, rods).unwrap();
             assert_eq!(found, (0..n).map(first).collect::<Vec<_>>(), "{time}");
             assert_eq!(found, on_threads(1, || propagated(&was, time, rods)).unwrap());
+        }
+    }
+
+    #[test]
+    fn faint_remains_of_other_times_do_not_stay_behind() {
+        // the first of each row never vanishes: where the rod is not, single faint Gaussians are visible
+        let remains = |time: f64| {
+            let mut at = rods(time);
+            for row in 0..2 * STAGES {
+                let away = (time * (STAGES - 1) as f64 - (row % STAGES) as f64).abs();
+                if away > 3.4 {
+                    at.opacity_logits[row * ALONG] = -3.5;
+                }
+            }
+            at
+        };
+        let first = |i: usize| i < STAGES * ALONG;
+        for time in [0.0, 0.5, 1.0] {
+            let at = remains(time);
+            let was: Vec<bool> = (0..at.len()).map(|i| first(i) && at.opacity_of(i) > 0.1).collect();
+            assert!((0..at.len()).any(|i| first(i) && !was[i] && at.opacity_of(i) >= SEEN), "{time}: some are seen");
+            assert_eq!(
+                propagated(&was, time, remains).unwrap(),
+                (0..at.len()).map(first).collect::<Vec<_>>(),
+                "{time}"
+            );
         }
     }
 

@@ -74,11 +74,11 @@ pub(crate) fn check_device(
         (None, None) => (colours, size::inputs(m), m.width, widest_layer(m)),
     };
     let needs = [
-        ("spherical harmonics of densify.budget Gaussians", colours.saturating_mul(4 * n as u128)),
-        ("hidden layers of the decoder for densify.budget Gaussians", product(&[n, 4 * 4, width])),
-        ("features and embeddings of densify.budget Gaussians", seen.saturating_mul(4 * n as u128)),
-        ("widest layer of the implicit network for densify.budget Gaussians", widest.saturating_mul(4 * n as u128)),
-        ("statistics of DSSIM at this image size", product(&[images[0], images[1], 4 * 15])),
+        (format!("spherical harmonics of {n} Gaussians"), colours.saturating_mul(4 * n as u128)),
+        (format!("hidden layers of the decoder for {n} Gaussians"), product(&[n, 4 * 4, width])),
+        (format!("features and embeddings of {n} Gaussians"), seen.saturating_mul(4 * n as u128)),
+        (format!("widest layer of the implicit network for {n} Gaussians"), widest.saturating_mul(4 * n as u128)),
+        ("statistics of DSSIM at this image size".to_owned(), product(&[images[0], images[1], 4 * 15])),
     ];
     let (what, bytes) = needs.into_iter().max_by_key(|(_, bytes)| *bytes).unwrap_or_default();
     if bytes > u128::from(limit) {
