@@ -67,10 +67,14 @@ pub fn without_strays(at: &HostGaussians, members: &[u32], kept: Option<u32>) ->
 /// # Errors
 /// If the arrays of `at` disagree, or points are too far apart.
 pub fn strays(at: &HostGaussians) -> Result<Vec<bool>, PointsError> {
-    let all: Vec<u32> = (0..at.len() as u32).collect();
-    let found = pieces(at, &all, Touch::SEEN)?;
+    let visible: Vec<u32> = (0..at.len() as u32).filter(|&i| at.opacity_of(i as usize) >= SEEN).collect();
+    let found = pieces(at, &visible, Touch::SEEN)?;
     let most = found.weights.iter().copied().fold(0.0, f64::max);
-    Ok(found.labels.iter().map(|&l| l > 0 && found.weights[l as usize - 1] < STRAY * most).collect())
+    let mut stray = vec![false; at.len()];
+    for (&i, &label) in visible.iter().zip(&found.labels) {
+        stray[i as usize] = label > 0 && found.weights[label as usize - 1] < STRAY * most;
+    }
+    Ok(stray)
 }
 
 #[cfg(test)]
