@@ -56,8 +56,8 @@ pub fn pieces(at: &HostGaussians, members: &[u32], touch: Touch) -> Result<Compo
 pub fn without_strays(at: &HostGaussians, members: &[u32], kept: Option<u32>) -> Result<Vec<u32>, PointsError> {
     let found = pieces(at, members, Touch::ALL)?;
     let own = kept.and_then(|kept| members.binary_search(&kept).ok()).map_or(0, |row| found.labels[row]);
-    let most = found.weights.iter().copied().fold(0.0, f64::max);
-    let stays = |label: u32| label > 0 && (label == own || found.weights[label as usize - 1] >= STRAY * most);
+    let large = large(&found);
+    let stays = |label: u32| label > 0 && (label == own || large(label));
     Ok(members.iter().zip(&found.labels).filter(|(_, l)| stays(**l)).map(|(m, _)| *m).collect())
 }
 
@@ -69,12 +69,18 @@ pub fn without_strays(at: &HostGaussians, members: &[u32], kept: Option<u32>) ->
 pub fn strays(at: &HostGaussians) -> Result<Vec<bool>, PointsError> {
     let visible: Vec<u32> = (0..at.len() as u32).filter(|&i| at.opacity_of(i as usize) >= SEEN).collect();
     let found = pieces(at, &visible, Touch::SEEN)?;
-    let most = found.weights.iter().copied().fold(0.0, f64::max);
+    let large = large(&found);
     let mut stray = vec![false; at.len()];
     for (&i, &label) in visible.iter().zip(&found.labels) {
-        stray[i as usize] = label > 0 && found.weights[label as usize - 1] < STRAY * most;
+        stray[i as usize] = label > 0 && !large(label);
     }
     Ok(stray)
+}
+
+/// Whether the piece of a label, from 1, is too large for a stray.
+fn large(found: &Components) -> impl Fn(u32) -> bool {
+    let most = found.weights.iter().copied().fold(0.0, f64::max);
+    move |label| found.weights[label as usize - 1] >= STRAY * most
 }
 
 #[cfg(test)]
