@@ -19,6 +19,7 @@ use volseggs::tensors::DIGEST;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() {
+    volseggs::memory::keep_freed_pages(); // as the program does
     let words: Vec<String> = std::env::args().skip(1).collect();
     let repeats = words.iter().position(|w| w == "--repeats").and_then(|i| words.get(i + 1)?.parse().ok());
     let repeats: usize = repeats.unwrap_or(101);

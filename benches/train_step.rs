@@ -44,6 +44,7 @@ const DISTANCE: f64 = 4.0;
 type Stage = (&'static str, Samples);
 
 fn main() {
+    volseggs::memory::keep_freed_pages(); // as the program does
     let (words, repeats, device_name) = common::arguments(7);
     let repeats = repeats.max(5);
     let after = |flag: &str| words.iter().position(|w| w == flag).and_then(|i| words.get(i + 1));

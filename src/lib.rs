@@ -56,6 +56,7 @@ pub use burn;
 /// custom program calls this after registering its extensions, see [`extend`].
 #[must_use]
 pub fn main() -> std::process::ExitCode {
+    memory::keep_freed_pages();
     let outcome = <cli::Cli as clap::Parser>::parse().run();
     let printed = terminal::finish().map_err(|e| cli::CliError::failure(format!("standard output: {e}")));
     match outcome.and(printed) {

@@ -42,7 +42,7 @@ pub fn whole_step(n: usize, repeats: usize, device: &Device) -> Vec<Stage> {
     (config.init.scale, config.init.opacity, config.model.bounds) = (0.7, 0.3, Bounds::Points);
     (config.stages.warmup_steps, config.stages.joint_steps, config.stages.sh_every) = (0, 1_000_000, 0);
     config.loss.dssim_last = config.stages.joint_steps;
-    (config.densify.mode, config.densify.prune_opacity) = (DensifyMode::Off, 0.0);
+    (config.densify.mode, config.densify.budget, config.densify.prune_opacity) = (DensifyMode::Off, n, 0.0);
     let trainer = Trainer::new(config, &dataset, device).unwrap();
     measure_steps(trainer, &dataset, repeats)
 }
@@ -72,7 +72,9 @@ pub fn trained_step(scene: &Path, data: &Path, repeats: usize, device: &Device) 
     let mut config = Config { model: scene.spec.model.clone(), ..Config::default() };
     (config.stages.warmup_steps, config.stages.joint_steps, config.stages.sh_every) = (0, 1_000_000, 0);
     config.loss.dssim_last = config.stages.joint_steps;
-    (config.densify.mode, config.densify.prune_opacity) = (DensifyMode::Off, 0.0);
+    config.init.points = scene.gaussians.count();
+    (config.densify.mode, config.densify.budget, config.densify.prune_opacity) =
+        (DensifyMode::Off, config.init.points, 0.0);
     let trainer = Trainer::from_scene(config, scene, &dataset).unwrap();
     measure_steps(trainer, &dataset, repeats)
 }
