@@ -161,15 +161,15 @@ fn field_and_decoder(
     let [w0, b0, w1, b1, w2, b2] = sizes.map(|len| r.take(len, |r| 0.2 * r.normal()));
     let params = DecoderParams { w0: &w0, b0: &b0, w1: &w1, b1: &b1, w2: &w2, b2: &b2 };
     let mut change = vec![0.0; n * OUTPUT_COLUMNS];
-    let forward = || decoder::forward(&decoder_shape, params, &features, &mut change);
+    let forward = || decoder::forward(&decoder_shape, params, &features[..], &mut change);
     out.push(("decoder forward", measure(repeats, forward).0));
     let grad_change = r.take(change.len(), Numbers::normal);
     let mut g = sizes.map(|len| vec![0.0; len]);
     let mut g_x = vec![0.0; features.len()];
     let backward = || {
         let [w0, b0, w1, b1, w2, b2] = g.each_mut().map(|v| &mut v[..]);
-        let grads = DecoderGrads { w0, b0, w1, b1, w2, b2, x: &mut g_x };
-        decoder::backward(&decoder_shape, params, &features, &grad_change, Some(seen), grads);
+        let grads = DecoderGrads { w0, b0, w1, b1, w2, b2, features: &mut g_x, own: &mut [] };
+        decoder::backward(&decoder_shape, params, &features[..], &grad_change, Some(seen), grads);
     };
     out.push(("decoder backward", measure(repeats, backward).0));
 

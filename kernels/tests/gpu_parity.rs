@@ -166,13 +166,16 @@ fn field(on: Tested) {
 }
 
 fn decoder_of_separate_and_shared_heads(on: Tested) {
-    for (head_sizes, width, inputs, n) in [(vec![3, 4, 3, 1], 64, 48, 1300), (vec![11], 24, 10, 70)] {
+    let cases = [(vec![3, 4, 3, 1], 64, 48, 0, 1300), (vec![11], 24, 10, 0, 70), (vec![3, 4, 3, 1], 64, 48, 16, 1300)];
+    for (head_sizes, width, inputs, beside, n) in cases {
         let shape = DecoderShape { inputs, width, head_sizes };
         let all = shape.b1_len();
         let columns = shape.outputs();
         let signed = |n: usize, seed: u64| values(n, seed).iter().map(|v| 0.5 * (v - 0.5)).collect::<Vec<f32>>();
         alike(&on, 2e-5, |device| {
-            let x = tensor(&signed(n * inputs, 1), [n, inputs], device).require_grad();
+            let features = inputs - beside;
+            let x = tensor(&signed(n * features, 1), [n, features], device).require_grad();
+            let own = (beside > 0).then(|| tensor(&signed(n * beside, 9), [n, beside], device).require_grad());
             let w0 = tensor(&signed(inputs * width, 2), [inputs, width], device).require_grad();
             let b0 = tensor(&signed(width, 3), [width], device).require_grad();
             let w1 = tensor(&signed(width * all, 4), [width, all], device).require_grad();
@@ -184,7 +187,7 @@ fn decoder_of_separate_and_shared_heads(on: Tested) {
                 hidden: (w1.clone(), b1.clone()),
                 output: (w2.clone(), b2.clone()),
             };
-            let out = decoder(x.clone(), weights, &shape);
+            let out = decoder(x.clone(), own.clone(), weights, &shape);
             let g = (out.clone() * tensor(&signed(n * columns, 8), [n, columns], device)).sum().backward();
             vec![
                 to_vec(out.inner()),
@@ -195,6 +198,7 @@ fn decoder_of_separate_and_shared_heads(on: Tested) {
                 to_vec(b1.grad(&g).unwrap()),
                 to_vec(w2.grad(&g).unwrap()),
                 to_vec(b2.grad(&g).unwrap()),
+                own.map_or_else(Vec::new, |own| to_vec(own.grad(&g).unwrap())),
             ]
         });
     }

@@ -270,16 +270,18 @@ fn tensors_of_other_shapes_are_refused(on: Tested) {
 
     let shape = DecoderShape { inputs: 4, width: 8, head_sizes: vec![3, 1] };
     let matrix = |[rows, columns]: [usize; 2]| Tensor::<2>::zeros([rows, columns], device);
-    let decoded = |x: [usize; 2], trunk: [usize; 2]| {
+    let decoded = |x: [usize; 2], own: Option<[usize; 2]>, trunk: [usize; 2]| {
         let weights = DecoderWeights {
             trunk: (matrix(trunk), zeros(8)),
             hidden: (matrix([8, 16]), zeros(16)),
             output: (matrix([8, 4]), zeros(4)),
         };
-        drop(decoder(matrix(x), weights, &shape));
+        drop(decoder(matrix(x), own.map(matrix), weights, &shape));
     };
-    assert!(!panics(&|| decoded([10, 4], [4, 8])));
-    assert!(panics(&|| decoded([10, 8], [4, 8])) && panics(&|| decoded([10, 4], [8, 4])));
+    assert!(!panics(&|| decoded([10, 4], None, [4, 8])) && !panics(&|| decoded([10, 3], Some([10, 1]), [4, 8])));
+    assert!(panics(&|| decoded([10, 8], None, [4, 8])) && panics(&|| decoded([10, 4], None, [8, 4])));
+    assert!(panics(&|| decoded([10, 3], Some([10, 2]), [4, 8])) && panics(&|| decoded([10, 3], Some([9, 1]), [4, 8])));
+    assert!(panics(&|| decoded([10, 1], Some([10, 5]), [4, 8])), "wider than all inputs");
 }
 
 /// GPUs do not check this, as reporting it to the host would stall every step.

@@ -86,8 +86,8 @@ impl Decoder {
         }
     }
 
-    /// Maps `[N, features]` to `[N, 11]`, fused.
-    pub fn forward(&self, features: Tensor<2>) -> Tensor<2> {
+    /// Maps `[N, F - E]` features, with each Gaussian's own `[N, E]` numbers beside them if given, to `[N, 11]`, fused.
+    pub fn forward(&self, features: Tensor<2>, own: Option<Tensor<2>>) -> Tensor<2> {
         let [inputs, width] = self.trunk_weight.dims();
         let head_sizes = if self.heads == 1 { vec![OUTPUT_COLUMNS] } else { OUTPUTS.to_vec() };
         let weights = DecoderWeights {
@@ -95,7 +95,7 @@ impl Decoder {
             hidden: (self.hidden_weight.val(), self.hidden_bias.val()),
             output: (self.output_weight.val(), self.output_bias.val()),
         };
-        decoder(features, weights, &DecoderShape { inputs, width, head_sizes })
+        decoder(features, own, weights, &DecoderShape { inputs, width, head_sizes })
     }
 }
 
@@ -158,7 +158,7 @@ mod tests {
                 let grads = [x.grad(&g).unwrap(), decoder.hidden_weight.val().grad(&g).unwrap()];
                 (out.inner().into_data(), grads.map(|t| t.into_data()))
             };
-            let (a, ga) = run(decoder.forward(x.clone()));
+            let (a, ga) = run(decoder.forward(x.clone(), None));
             let (b, gb) = run(plain(&decoder, x.clone()));
             let tolerance = burn::tensor::Tolerance::<f32>::rel_abs(1e-3, 1e-3);
             a.assert_approx_eq::<f32>(&b, tolerance);

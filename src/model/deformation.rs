@@ -95,12 +95,8 @@ impl DeformationField {
             Encoder::Extra(e) => e.forward(points, u),
             Encoder::D3dgs(network) => return network.deform(gaussians, time),
         };
-        let features = match &gaussians.embedding {
-            Some(embedding) => Tensor::cat(vec![features, embedding.val()], 1),
-            None => features,
-        };
         let change = match &self.decoder {
-            Some(decoder) => decoder.forward(features),
+            Some(decoder) => decoder.forward(features, gaussians.embedding.as_ref().map(|embedding| embedding.val())),
             None => features,
         };
         let [n, _] = change.dims();

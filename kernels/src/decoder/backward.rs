@@ -4,7 +4,7 @@
 use super::kernel::{Add, Gate, Rows, Store, add_rows, gate_all, outer, product};
 use super::layers::{BLOCK, head, trunk};
 use super::pack::{Aligned, Packed, Transposed};
-use super::params::{DecoderGrads, DecoderParams};
+use super::params::{DecoderGrads, DecoderInputs, DecoderParams};
 use super::shape::DecoderShape;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
@@ -15,7 +15,7 @@ const RANGES: usize = 16;
 pub(super) fn run(
     shape: &DecoderShape,
     params: DecoderParams<'_>,
-    x: &[f32],
+    x: DecoderInputs<'_>,
     grad_out: &[f32],
     active: Option<&[bool]>,
     grads: DecoderGrads<'_>,
@@ -32,23 +32,27 @@ pub(super) fn run(
     let blocks = used.len().div_ceil(BLOCK);
     let count = blocks.clamp(1, RANGES);
     let mut ranges = Vec::with_capacity(count);
-    let (mut rest, mut row) = (grads.x, 0);
+    let n = grad_out.len() / shape.outputs();
+    let widths = if n > 0 { x.widths(shape.inputs) } else { [shape.inputs, 0] };
+    let (mut features, mut own, mut row) = (grads.features, grads.own, 0);
     for r in 0..count {
         let cut = |r: usize| (r * blocks / count * BLOCK).min(used.len());
         let (first, last) = (cut(r), cut(r + 1));
         // Each range owns the input rows up to the first row of the next.
-        let end = if r + 1 < count { used[last] } else { x.len() / shape.inputs };
-        let (window, after) = rest.split_at_mut((end - row) * shape.inputs);
+        let end = if r + 1 < count { used[last] } else { n };
+        let (features_window, features_after) = features.split_at_mut((end - row) * widths[0]);
+        let (own_window, own_after) = own.split_at_mut((end - row) * widths[1]);
         ranges.push(Range {
             packed: &packed,
             transposed: &transposed,
             x,
+            widths,
             grad_out,
             used: &used[first..last],
             window_row: row,
-            window,
+            window: [features_window, own_window],
         });
-        (rest, row) = (after, end);
+        (features, own, row) = (features_after, own_after, end);
     }
     let sums: Vec<Sums> = ranges.into_par_iter().map(|range| crate::arch().dispatch(range)).collect();
     let mut sums = sums.into_iter();
@@ -125,12 +129,15 @@ impl Sums {
 struct Range<'a> {
     packed: &'a Packed<'a>,
     transposed: &'a Transposed,
-    x: &'a [f32],
+    x: DecoderInputs<'a>,
+    /// `[F - E, E]`
+    widths: [usize; 2],
     grad_out: &'a [f32],
     used: &'a [usize],
     /// First input row of the window.
     window_row: usize,
-    window: &'a mut [f32],
+    /// Of the features and of each row's own numbers.
+    window: [&'a mut [f32]; 2],
 }
 
 /// One block of gathered rows with everything computed from them; `[BLOCK, ..]` each.
@@ -162,12 +169,14 @@ impl WithSimd for Range<'_> {
             grad_x: Aligned::new(BLOCK * self.transposed.inputs),
         };
         let mut sums = Sums::new(packed);
-        self.window.fill(0.0);
+        let [features, own] = self.window;
+        features.fill(0.0);
+        own.fill(0.0);
         for used in self.used.chunks(BLOCK) {
             block.rows = used.len();
             let gathered = block.x.chunks_exact_mut(f);
             for ((x, grad), &i) in gathered.zip(block.grad.chunks_exact_mut(c)).zip(used) {
-                x.copy_from_slice(&self.x[i * f..][..f]);
+                self.x.copy_row(i, self.widths, x);
                 grad.copy_from_slice(&self.grad_out[i * c..][..c]);
                 for (sum, g) in sums.output_bias.iter_mut().zip(grad) {
                     *sum += *g;
@@ -176,7 +185,9 @@ impl WithSimd for Range<'_> {
             block.run(simd, packed, self.transposed, &mut sums);
             let computed = block.grad_x.chunks_exact(self.transposed.inputs);
             for (row, &i) in computed.zip(used) {
-                self.window[(i - self.window_row) * f..][..f].copy_from_slice(&row[..f]);
+                let (i, [of_features, of_own]) = (i - self.window_row, self.widths);
+                features[i * of_features..][..of_features].copy_from_slice(&row[..of_features]);
+                own[i * of_own..][..of_own].copy_from_slice(&row[of_features..f]);
             }
         }
         sums

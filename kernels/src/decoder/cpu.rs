@@ -10,7 +10,7 @@
 use super::kernel::dots;
 use super::layers::{BLOCK, head, trunk};
 use super::pack::{Aligned, Packed};
-use super::params::{DecoderGrads, DecoderParams};
+use super::params::{DecoderGrads, DecoderInputs, DecoderParams};
 use super::shape::DecoderShape;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
@@ -23,17 +23,16 @@ const FORWARD_ROWS: usize = 10 * BLOCK;
 ///
 /// # Panics
 /// If a slice length does not fit `shape`, or `shape` has an extent of 0.
-pub fn forward(shape: &DecoderShape, params: DecoderParams<'_>, x: &[f32], out: &mut [f32]) {
+pub fn forward<'a>(shape: &DecoderShape, params: DecoderParams<'_>, x: impl Into<DecoderInputs<'a>>, out: &mut [f32]) {
+    let x = x.into();
     check(shape, params, x, out.len());
-    if x.is_empty() {
+    if out.is_empty() {
         return;
     }
     let packed = Packed::new(shape, params);
-    out.par_chunks_mut(FORWARD_ROWS * shape.outputs()).zip(x.par_chunks(FORWARD_ROWS * shape.inputs)).for_each(
-        |(out, x)| {
-            crate::arch().dispatch(ForwardRows { packed: &packed, x, out });
-        },
-    );
+    out.par_chunks_mut(FORWARD_ROWS * shape.outputs()).enumerate().for_each(|(chunk, out)| {
+        crate::arch().dispatch(ForwardRows { packed: &packed, x, first: chunk * FORWARD_ROWS, out });
+    });
 }
 
 /// Computes the gradients of [`forward`] for `grad_out` `[N, C]`. Hidden units are recomputed; nothing is kept from the
@@ -42,14 +41,15 @@ pub fn forward(shape: &DecoderShape, params: DecoderParams<'_>, x: &[f32], out: 
 ///
 /// # Panics
 /// If a slice length does not fit `shape`, or `shape` has an extent of 0.
-pub fn backward(
+pub fn backward<'a>(
     shape: &DecoderShape,
     params: DecoderParams<'_>,
-    x: &[f32],
+    x: impl Into<DecoderInputs<'a>>,
     grad_out: &[f32],
     active: Option<&[bool]>,
     grads: DecoderGrads<'_>,
 ) {
+    let x = x.into();
     check(shape, params, x, grad_out.len());
     assert_eq!(grads.w0.len(), params.w0.len(), "grads.w0");
     assert_eq!(grads.b0.len(), params.b0.len(), "grads.b0");
@@ -57,14 +57,15 @@ pub fn backward(
     assert_eq!(grads.b1.len(), params.b1.len(), "grads.b1");
     assert_eq!(grads.w2.len(), params.w2.len(), "grads.w2");
     assert_eq!(grads.b2.len(), params.b2.len(), "grads.b2");
-    assert_eq!(grads.x.len(), x.len(), "grads.x");
+    assert_eq!(grads.features.len(), x.features.len(), "grads.features");
+    assert_eq!(grads.own.len(), x.own.len(), "grads.own");
     if let Some(active) = active {
-        assert_eq!(active.len(), x.len() / shape.inputs, "active: one entry a row");
+        assert_eq!(active.len(), x.rows(shape.inputs), "active: one entry a row");
     }
     super::backward::run(shape, params, x, grad_out, active, grads);
 }
 
-fn check(shape: &DecoderShape, params: DecoderParams<'_>, x: &[f32], outputs: usize) {
+fn check(shape: &DecoderShape, params: DecoderParams<'_>, x: DecoderInputs<'_>, outputs: usize) {
     if let Err(error) = shape.validate() {
         panic!("{error}");
     }
@@ -74,13 +75,17 @@ fn check(shape: &DecoderShape, params: DecoderParams<'_>, x: &[f32], outputs: us
     assert_eq!(params.b1.len(), shape.b1_len(), "b1: [H * W]");
     assert_eq!(params.w2.len(), shape.w2_len(), "w2: [W, C]");
     assert_eq!(params.b2.len(), shape.b2_len(), "b2: [C]");
-    assert!(x.len().is_multiple_of(shape.inputs), "x: [N, F]");
-    assert_eq!(outputs, x.len() / shape.inputs * shape.outputs(), "outputs: [N, C]");
+    let n = x.rows(shape.inputs);
+    assert_eq!(x.features.len() + x.own.len(), n * shape.inputs, "features and own: [N, F]");
+    assert!(x.own.len().is_multiple_of(n.max(1)), "own: [N, E]");
+    assert_eq!(outputs, n * shape.outputs(), "outputs: [N, C]");
 }
 
 struct ForwardRows<'a> {
     packed: &'a Packed<'a>,
-    x: &'a [f32],
+    x: DecoderInputs<'a>,
+    /// The row of `x` that the first row of `out` belongs to.
+    first: usize,
     out: &'a mut [f32],
 }
 
@@ -91,13 +96,14 @@ impl WithSimd for ForwardRows<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let (packed, shape, width) = (self.packed, self.packed.shape, self.packed.width);
         let (f, c) = (shape.inputs, shape.outputs());
+        let widths = self.x.widths(f);
         let mut hidden = Aligned::new(BLOCK * width);
         let mut units = Aligned::new(BLOCK * width);
         // non-zero rows, and the first all-zero row, whose result the other zero rows share
         let mut zeros = Vec::new();
         let mut used = Vec::with_capacity(self.out.len() / c);
-        for (i, row) in self.x.chunks_exact(f).enumerate() {
-            let zero = row.iter().all(|&v| v == 0.0);
+        for i in 0..self.out.len() / c {
+            let zero = self.x.row(self.first + i, widths).iter().all(|part| part.iter().all(|&v| v == 0.0));
             if zero {
                 zeros.push(i);
             }
@@ -109,12 +115,12 @@ impl WithSimd for ForwardRows<'_> {
         let mut decoded = vec![0.0; BLOCK * c];
         for block in used.chunks(BLOCK) {
             let (first, rows) = (block[0], block.len());
-            let together = rows == BLOCK && block[rows - 1] == first + rows - 1;
+            let together = widths[1] == 0 && rows == BLOCK && block[rows - 1] == first + rows - 1;
             let x = if together {
-                &self.x[first * f..][..BLOCK * f]
+                &self.x.features[(self.first + first) * f..][..BLOCK * f]
             } else {
                 for (to, &i) in gathered.chunks_exact_mut(f).zip(block) {
-                    to.copy_from_slice(&self.x[i * f..][..f]);
+                    self.x.copy_row(self.first + i, widths, to);
                 }
                 &gathered[..]
             };

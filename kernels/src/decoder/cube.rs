@@ -5,6 +5,7 @@ use super::ops::{DecoderBackwardOps, DecoderOps, DecoderTensors};
 use super::shape::DecoderShape;
 use crate::cube::gemm::{Finish, column_sums, product, transposed};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, rows};
+use burn::backend::ops::FloatTensorOps;
 use burn::backend::tensor::FloatTensor;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::cubecl;
@@ -39,6 +40,26 @@ fn gather(wide: &[f32], heads: &[u32], out: &mut [f32], width: u32, columns: u32
         let (row, column) = (at / columns, at % columns);
         out[at as usize] = wide[((heads[column as usize] * width + row) * columns + column) as usize];
     }
+}
+
+/// Returns the tensors with features and each row's own numbers in one.
+fn joined(tensors: DecoderTensors<CubeBackend>) -> [CubeTensor; 7] {
+    let DecoderTensors { features, own, w0, b0, w1, b1, w2, b2 } = tensors;
+    let x = match own.meta.shape()[1] {
+        0 => features,
+        _ => CubeBackend::float_cat(vec![features, own], 1),
+    };
+    [x, w0, b0, w1, b1, w2, b2]
+}
+
+/// Parts the gradient of what [`joined`] joined; `own` is what went in.
+fn parted(x: CubeTensor, own: CubeTensor) -> (CubeTensor, CubeTensor) {
+    let ([n, all], beside) = ([x.meta.shape()[0], x.meta.shape()[1]], own.meta.shape()[1]);
+    if beside == 0 {
+        return (x, own);
+    }
+    let part = |from: usize, to: usize| CubeBackend::float_slice(x.clone(), &[(0..n).into(), (from..to).into()]);
+    (part(0, all - beside), part(all - beside, all))
 }
 
 /// The inputs and hidden layers of one call.
@@ -87,7 +108,7 @@ impl Layers {
 
 impl DecoderOps for CubeBackend {
     fn decoder_forward(inputs: DecoderTensors<Self>, shape: DecoderShape) -> FloatTensor<Self> {
-        let inputs = inputs.into_array().map(rows);
+        let inputs = joined(inputs).map(rows);
         let l = Layers::new(&inputs, &shape);
         let out = empty_f32(&inputs[0], [l.n, shape.outputs()]);
         let size = [l.n, shape.b1_len(), shape.outputs()];
@@ -102,7 +123,8 @@ impl DecoderBackwardOps for CubeBackend {
         grad: FloatTensor<Self>,
         shape: DecoderShape,
     ) -> DecoderTensors<Self> {
-        let inputs = inputs.into_array().map(rows);
+        let own = inputs.own.clone();
+        let inputs = joined(inputs).map(rows);
         let l = Layers::new(&inputs, &shape);
         let (n, f, width, all, columns) = (l.n, shape.inputs, shape.width, shape.b1_len(), shape.outputs());
         let client = &l.client;
@@ -136,6 +158,8 @@ impl DecoderBackwardOps for CubeBackend {
         column_sums(client, &by_trunk, h0, [n, width]);
         product(client, &by_trunk, (&l.w0, true), &l.b2, &Words::of(gx), [n, width, f], Finish::Plain);
 
-        DecoderTensors::from(out)
+        let [x, w0, b0, w1, b1, w2, b2] = out;
+        let (features, own) = parted(x, own);
+        DecoderTensors { features, own, w0, b0, w1, b1, w2, b2 }
     }
 }

@@ -18,5 +18,5 @@ mod tests;
 
 pub use cpu::{backward, forward};
 pub use ops::{DecoderBackwardOps, DecoderOps, DecoderTensors, DecoderWeights, decoder};
-pub use params::{DecoderGrads, DecoderParams};
+pub use params::{DecoderGrads, DecoderInputs, DecoderParams};
 pub use shape::{DecoderShape, DecoderShapeError};

@@ -1,7 +1,7 @@
 //! The decoder as a differentiable op on tensors for every backend, with its implementation for those in host memory.
 
 use super::cpu::{backward, forward};
-use super::params::{DecoderGrads, DecoderParams};
+use super::params::{DecoderGrads, DecoderInputs, DecoderParams};
 use super::shape::DecoderShape;
 use crate::backend::CpuBackend;
 use crate::tensors::{op_tensors, register};
@@ -14,9 +14,11 @@ use burn::tensor::Tensor;
 
 op_tensors! {
     /// The inputs of [`decoder`] on a backend, or the gradient with respect to each of them.
-    DecoderTensors[7] {
-        /// `[N, inputs]`
-        x,
+    DecoderTensors[8] {
+        /// `[N, inputs - E]`
+        features,
+        /// `[N, E]`; E may be 0.
+        own,
         /// `[inputs, width]`
         w0,
         /// `[width]`
@@ -61,19 +63,34 @@ pub struct DecoderWeights {
     pub output: (Tensor<2>, Tensor<1>),
 }
 
-/// Applies a trunk and its heads, fused: `[N, inputs]` to `[N, outputs]`, differentiable with respect to all inputs.
+/// Applies a trunk and its heads, fused, to features `[N, inputs - E]` with `own` `[N, E]` beside them, if given; returns
+/// `[N, outputs]`. Differentiable with respect to all inputs.
 ///
 /// # Panics
 /// If `shape` is invalid, or a tensor does not fit it.
-pub fn decoder(x: Tensor<2>, weights: DecoderWeights, shape: &DecoderShape) -> Tensor<2> {
+pub fn decoder(
+    features: Tensor<2>,
+    own: Option<Tensor<2>>,
+    weights: DecoderWeights,
+    shape: &DecoderShape,
+) -> Tensor<2> {
     if let Err(error) = shape.validate() {
         panic!("{error}");
     }
     let DecoderWeights { trunk, hidden, output } = weights;
     let (inputs, width, all, outputs) = (shape.inputs, shape.width, shape.heads() * shape.width, shape.outputs());
-    let matrices = [("x", &x, [x.dims()[0], inputs]), ("trunk", &trunk.0, [inputs, width])];
-    let matrices = [matrices, [("hidden", &hidden.0, [width, all]), ("output", &output.0, [width, outputs])]];
-    for (name, tensor, dims) in matrices.into_iter().flatten() {
+    let n = features.dims()[0];
+    let own = own.unwrap_or_else(|| Tensor::zeros([n, 0], &features.device()));
+    let beside = own.dims()[1];
+    assert!(beside <= inputs, "decoder: {beside} numbers of a row's own, {inputs} inputs");
+    let matrices = [
+        ("features", &features, [n, inputs - beside]),
+        ("own", &own, [n, beside]),
+        ("trunk", &trunk.0, [inputs, width]),
+        ("hidden", &hidden.0, [width, all]),
+        ("output", &output.0, [width, outputs]),
+    ];
+    for (name, tensor, dims) in matrices {
         assert_eq!(tensor.dims(), dims, "decoder: {name}");
     }
     for (name, bias, length) in [("trunk", &trunk.1, width), ("hidden", &hidden.1, all), ("output", &output.1, outputs)]
@@ -81,7 +98,8 @@ pub fn decoder(x: Tensor<2>, weights: DecoderWeights, shape: &DecoderShape) -> T
         assert_eq!(bias.dims(), [length], "decoder: bias of {name}");
     }
     let inputs = DecoderTensors {
-        x: x.into_dispatch(),
+        features: features.into_dispatch(),
+        own: own.into_dispatch(),
         w0: trunk.0.into_dispatch(),
         b0: trunk.1.into_dispatch(),
         w1: hidden.0.into_dispatch(),
@@ -93,12 +111,12 @@ pub fn decoder(x: Tensor<2>, weights: DecoderWeights, shape: &DecoderShape) -> T
 }
 
 fn cpu_forward<B: CpuBackend>(inputs: &DecoderTensors<B>, shape: &DecoderShape) -> FloatTensor<B> {
-    let n = inputs.x.shape()[0];
-    let [x, w0, b0, w1, b1, w2, b2] = inputs.as_array().map(B::values);
+    let n = inputs.features.shape()[0];
+    let [features, own, w0, b0, w1, b1, w2, b2] = inputs.as_array().map(B::values);
     let params = DecoderParams { w0: &w0, b0: &b0, w1: &w1, b1: &b1, w2: &w2, b2: &b2 };
     let mut out = vec![0.0; n * shape.outputs()];
-    forward(shape, params, &x, &mut out);
-    B::tensor(out, [n, shape.outputs()], &inputs.x.device())
+    forward(shape, params, DecoderInputs { features: &features, own: &own }, &mut out);
+    B::tensor(out, [n, shape.outputs()], &inputs.features.device())
 }
 
 fn cpu_backward<B: CpuBackend>(
@@ -106,14 +124,15 @@ fn cpu_backward<B: CpuBackend>(
     grad: &FloatTensor<B>,
     shape: &DecoderShape,
 ) -> DecoderTensors<B> {
-    let device = inputs.x.device();
+    let device = inputs.features.device();
     let mut grads = inputs.as_array().map(|t| vec![0.0f32; t.shape().num_elements()]);
     {
-        let [x, w0, b0, w1, b1, w2, b2] = inputs.as_array().map(B::values);
+        let [features, own, w0, b0, w1, b1, w2, b2] = inputs.as_array().map(B::values);
         let params = DecoderParams { w0: &w0, b0: &b0, w1: &w1, b1: &b1, w2: &w2, b2: &b2 };
-        let [gx, g0, h0, g1, h1, g2, h2] = &mut grads;
-        let out = DecoderGrads { w0: g0, b0: h0, w1: g1, b1: h1, w2: g2, b2: h2, x: gx };
-        backward(shape, params, &x, &B::values(grad), None, out);
+        let [gx, gown, g0, h0, g1, h1, g2, h2] = &mut grads;
+        let out = DecoderGrads { w0: g0, b0: h0, w1: g1, b1: h1, w2: g2, b2: h2, features: gx, own: gown };
+        let x = DecoderInputs { features: &features, own: &own };
+        backward(shape, params, x, &B::values(grad), None, out);
     }
     let mut shapes = inputs.as_array().map(|t| t.shape()).into_iter();
     DecoderTensors::from(grads.map(|values| {
@@ -158,13 +177,13 @@ struct State<B: DecoderBackwardOps> {
 #[derive(Debug)]
 struct DecoderBackward;
 
-impl<B: DecoderBackwardOps> Backward<B, 7> for DecoderBackward {
+impl<B: DecoderBackwardOps> Backward<B, 8> for DecoderBackward {
     type State = State<B>;
 
-    fn backward(self, ops: Ops<Self::State, 7>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
+    fn backward(self, ops: Ops<Self::State, 8>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
         let grad = grads.consume::<B>(&ops.node);
         let out = B::decoder_backward(ops.state.inputs, grad, ops.state.shape);
-        register::<B, 7>(grads, ops.parents.map(|p| p.map(|node| node.id)), out.into_array());
+        register::<B, 8>(grads, ops.parents.map(|p| p.map(|node| node.id)), out.into_array());
     }
 }
 

@@ -1,4 +1,4 @@
-use super::{DecoderGrads, DecoderParams, DecoderShape, DecoderShapeError, cpu, reference};
+use super::{DecoderGrads, DecoderInputs, DecoderParams, DecoderShape, DecoderShapeError, cpu, reference};
 use proptest::prelude::*;
 
 /// Reproducible values in `-size..size`.
@@ -73,15 +73,15 @@ impl Case {
 
     fn forward(&self) -> Vec<f32> {
         let mut out = vec![f32::NAN; self.grad.len()];
-        cpu::forward(&self.shape, self.params(), &self.parts[6], &mut out);
+        cpu::forward(&self.shape, self.params(), &self.parts[6][..], &mut out);
         out
     }
 
     fn backward(&self, active: Option<&[bool]>) -> Parts<f32> {
         let mut out = self.parts.each_ref().map(|p| vec![f32::NAN; p.len()]);
         let [w0, b0, w1, b1, w2, b2, x] = &mut out;
-        let grads = DecoderGrads { w0, b0, w1, b1, w2, b2, x };
-        let (params, x) = (self.params(), &self.parts[6]);
+        let grads = DecoderGrads { w0, b0, w1, b1, w2, b2, features: x, own: &mut [] };
+        let (params, x) = (self.params(), &self.parts[6][..]);
         cpu::backward(&self.shape, params, x, &self.grad, active, grads);
         out
     }
@@ -214,7 +214,7 @@ fn rows_of_zeros_share_one_result_at_any_position() {
             }
         }
         let mut zero = [f32::NAN; 7];
-        cpu::forward(&case.shape, case.params(), &[0.0; 20], &mut zero);
+        cpu::forward(&case.shape, case.params(), &[0.0; 20][..], &mut zero);
         for (row, (before, after)) in plain.chunks_exact(7).zip(case.forward().chunks_exact(7)).enumerate() {
             assert_eq!(after, if row % keep == 0 { before } else { &zero }, "row {row}, one of {keep} kept");
         }
@@ -308,4 +308,41 @@ fn empty_extents_are_reported_by_name() {
     let empty = Err(DecoderShapeError::EmptyHead { head: 1 });
     assert_eq!(shape(1, 1, &[2, 0]).validate(), empty);
     assert_eq!(shape(1, 1, &[2, 3]).validate(), Ok(()));
+}
+
+/// Columns of a row-major matrix.
+fn columns(rows: &[f32], width: usize, range: std::ops::Range<usize>) -> Vec<f32> {
+    rows.chunks_exact(width).flat_map(|row| row[range.clone()].to_vec()).collect()
+}
+
+#[test]
+fn inputs_in_two_parts_give_the_same_bits_as_in_one() {
+    for (inputs, beside) in [(10, 3), (10, 1), (16, 16), (80, 16)] {
+        let mut case = Case::new(shape(inputs, 24, &[3, 4]), 700, 5);
+        // rows of zeros share a result, rows without a gradient are skipped
+        for i in (0..700).step_by(7) {
+            case.parts[6][i * inputs..][..inputs].fill(0.0);
+            case.grad[(i + 3) * 7..][..7].fill(0.0);
+        }
+        // zero in one part only
+        case.parts[6][inputs..][..inputs - beside].fill(0.0);
+        case.parts[6][3 * inputs - beside..3 * inputs].fill(0.0);
+        let (at, x) = (inputs - beside, &case.parts[6]);
+        let (features, own) = (columns(x, inputs, 0..at), columns(x, inputs, at..inputs));
+        let parts = DecoderInputs { features: &features, own: &own };
+
+        let mut out = vec![f32::NAN; case.grad.len()];
+        cpu::forward(&case.shape, case.params(), parts, &mut out);
+        assert_eq!(out, case.forward());
+
+        let whole = case.backward(None);
+        let mut of_parts = case.parts.each_ref().map(|p| vec![f32::NAN; p.len()]);
+        let (mut of_features, mut of_own) = (vec![f32::NAN; features.len()], vec![f32::NAN; own.len()]);
+        let [w0, b0, w1, b1, w2, b2, _] = &mut of_parts;
+        let grads = DecoderGrads { w0, b0, w1, b1, w2, b2, features: &mut of_features, own: &mut of_own };
+        cpu::backward(&case.shape, case.params(), parts, &case.grad, None, grads);
+        assert_eq!(of_parts[..6], whole[..6]);
+        assert_eq!(of_features, columns(&whole[6], inputs, 0..at));
+        assert_eq!(of_own, columns(&whole[6], inputs, at..inputs));
+    }
 }

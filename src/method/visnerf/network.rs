@@ -35,7 +35,7 @@ impl Mlp {
         let [outputs] = self.output.bias.dims();
         let of = |layer: &Layer| (layer.weight.val(), layer.bias.val());
         let weights = DecoderWeights { trunk: of(&self.first), hidden: of(&self.second), output: of(&self.output) };
-        decoder(x, weights, &DecoderShape { inputs, width, head_sizes: vec![outputs] })
+        decoder(x, None, weights, &DecoderShape { inputs, width, head_sizes: vec![outputs] })
     }
 }
 

@@ -118,7 +118,7 @@ impl AffinityField {
             output: (self.output_weight.val(), self.output_bias.val()),
         };
         let shape = DecoderShape { inputs: ENCODED + 1, width: WIDTH, head_sizes: vec![FEATURES] };
-        decoder(Tensor::from_data(TensorData::new(inputs, [n, ENCODED + 1]), &device), weights, &shape)
+        decoder(Tensor::from_data(TensorData::new(inputs, [n, ENCODED + 1]), &device), None, weights, &shape)
     }
 
     /// Returns unit features `[N, 16]` on the host.
