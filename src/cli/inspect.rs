@@ -4,7 +4,7 @@ use super::inspect_volume::{inspect_volume, is_volume};
 use super::{CliError, print_json};
 use crate::data::inspect::inspect;
 use crate::data::layout::layout_picture;
-use crate::data::{Aabb, Dataset, OpenOptions, SplitName, VisualHull};
+use crate::data::{Aabb, Dataset, OpenOptions, SplitName, TruthVolume, VisualHull};
 use crate::export::images::encode_png;
 use crate::export::ply;
 use crate::files::{RunPaths, check_file, write_named};
@@ -14,6 +14,7 @@ use crate::train::{checkpoint, live};
 use crate::volume::formats::READ;
 use clap::Args;
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Show and check the contents of a volume, a dataset, a run, a PLY or a checkpoint.
@@ -70,7 +71,7 @@ impl InspectArgs {
             }
         } else if extension == Some("safetensors") {
             self.refuse_volume_options()?;
-            self.tensors(&self.path)
+            if TruthVolume::is_one(&self.path) { self.truth_volume() } else { self.tensors(&self.path) }
         } else if is_volume(&self.path) {
             inspect_volume(&self.path, self.transfer_function.as_deref(), self.picture.as_deref(), self.json)
         } else if !self.path.exists() {
@@ -133,6 +134,19 @@ impl InspectArgs {
         let status = recorded.map(|recorded| status(&self.path, recorded));
         let steps = live::read_all(&self.path, checkpoint::check_tensors).map_err(CliError::input)?;
         self.show(&json!({ "kind": "run", "status": status, "record": record, "checkpoints": steps, "readable": steps.len() }))
+    }
+
+    /// The ground truth of a dataset's segments at one time.
+    fn truth_volume(&self) -> Result<(), CliError> {
+        let volume = TruthVolume::read(&self.path)?;
+        let mut cells = BTreeMap::<u16, usize>::new();
+        for id in volume.ids.iter().filter(|id| **id > 0) {
+            *cells.entry(*id).or_default() += 1;
+        }
+        let TruthVolume { time, dims, spacing, origin, .. } = volume;
+        self.show(&json!({
+            "kind": "segment ids", "time": time, "dims": dims, "spacing": spacing, "origin": origin, "cells_by_id": cells,
+        }))
     }
 
     fn tensors(&self, path: &Path) -> Result<(), CliError> {

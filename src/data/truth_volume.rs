@@ -99,6 +99,15 @@ impl TruthVolume {
         tensors::write(path, vec![("ids", view(&ids)?), ("opacity", view(&opacity)?)], Some((ENTRY, text)))
     }
 
+    /// Whether a file's header says that [`Self::write`] wrote it; it may be damaged even so.
+    #[must_use]
+    pub fn is_one(path: &Path) -> bool {
+        std::fs::read(path).is_ok_and(|bytes| {
+            let header = SafeTensors::read_metadata(&bytes);
+            header.is_ok_and(|(_, m)| m.metadata().as_ref().is_some_and(|entries| entries.contains_key(ENTRY)))
+        })
+    }
+
     /// Reads a volume that [`Self::write`] wrote.
     ///
     /// # Errors

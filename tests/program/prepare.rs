@@ -79,6 +79,14 @@ fn a_series_becomes_a_dataset_with_ground_truth() {
     assert_eq!(names(&data.join("volumes")), ["step_0.safetensors", "step_1.safetensors", "step_2.safetensors"]);
     // the dataset passes every check
     volseggs().args(["inspect", &text(root, "data")]).assert().success();
+    // so does a volume of segment ids, whose tensors are not those of a scene
+    let file = data.join("volumes/step_1.safetensors");
+    let shown = volseggs().args(["inspect", file.to_str().unwrap(), "--json"]).assert().success();
+    let shown: serde_json::Value = serde_json::from_slice(&shown.get_output().stdout).unwrap();
+    assert_eq!((&shown["kind"], &shown["time"]), (&"segment ids".into(), &0.5.into()));
+    assert!(shown["cells_by_id"]["4"].as_u64().unwrap() > 0, "{shown}");
+    std::fs::write(&file, &std::fs::read(&file).unwrap()[..600]).unwrap();
+    refused(volseggs().args(["inspect", file.to_str().unwrap()]), &["step_1.safetensors"]);
 }
 
 #[test]
