@@ -5,10 +5,11 @@
 //! and the digest is the 128-bit XXH3 hash of the pieces' hashes in order. It protects against accidental corruption,
 //! not against tampering. Pieces are hashed in parallel.
 
-use crate::files::{read_regular, write_atomic};
+use crate::files::{open_regular, read_regular, write_atomic};
 use rayon::prelude::*;
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, SafeTensorError, TensorView};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use twox_hash::XxHash3_128;
 
@@ -19,6 +20,8 @@ const LENGTH: usize = 16;
 const PIECE: usize = 1 << 20;
 /// Length in bytes of the field before the header that holds the header's length.
 const PREFIX: usize = 8;
+/// Length in bytes of the longest header that the format allows.
+const LONGEST_HEADER: u64 = 100_000_000;
 
 /// Why a tensor file cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -94,6 +97,23 @@ pub fn read(path: &Path) -> Result<Vec<u8>, TensorFileError> {
 pub fn read_while<T>(path: &Path, make: impl FnOnce(&[u8]) -> T) -> Result<T, TensorFileError> {
     let bytes = read_bytes(path)?;
     check(path, &bytes, || make(&bytes))
+}
+
+/// The entry `key` of a tensor file's header, of which nothing else is read or checked; `None` if it has no such entry
+/// or cannot be read.
+#[must_use]
+pub fn header_entry(path: &Path, key: &str) -> Option<String> {
+    let mut file = open_regular(path).ok()?;
+    let mut length = [0; PREFIX];
+    file.read_exact(&mut length).ok()?;
+    let length = u64::from_le_bytes(length);
+    let mut header = Vec::new();
+    let read = file.take(length.min(LONGEST_HEADER)).read_to_end(&mut header).ok()?;
+    if read as u64 != length {
+        return None;
+    }
+    let header: serde_json::Value = serde_json::from_slice(&header).ok()?;
+    Some(header.get("__metadata__")?.get(key)?.as_str()?.to_owned())
 }
 
 fn read_bytes(path: &Path) -> Result<Vec<u8>, TensorFileError> {
@@ -195,6 +215,27 @@ mod tests {
                 bytes[at] ^= 1;
             }
         }
+    }
+
+    #[test]
+    fn an_entry_of_the_header_is_found_without_the_rest() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = file(folder.path());
+        let spec = Some("{}".to_owned());
+        assert_eq!((header_entry(&path, "spec"), header_entry(&path, "other")), (spec.clone(), None));
+        let whole = std::fs::read(&path).unwrap();
+        let header = PREFIX + u64::from_le_bytes(whole[..PREFIX].try_into().unwrap()) as usize;
+        for cut in 0..whole.len() {
+            std::fs::write(&path, &whole[..cut]).unwrap();
+            let found = header_entry(&path, "spec");
+            assert_eq!(found, if cut < header { None } else { spec.clone() }, "cut at {cut} of a header of {header}");
+        }
+        // a length that is none, and what is no file of tensors
+        for bytes in [&[0xff; 20][..], b"text, which is longer than eight bytes", b""] {
+            std::fs::write(&path, bytes).unwrap();
+            assert_eq!(header_entry(&path, "spec"), None);
+        }
+        assert_eq!(header_entry(folder.path(), "spec"), None);
     }
 
     #[test]

@@ -102,10 +102,7 @@ impl TruthVolume {
     /// Whether a file's header says that [`Self::write`] wrote it; it may be damaged even so.
     #[must_use]
     pub fn is_one(path: &Path) -> bool {
-        std::fs::read(path).is_ok_and(|bytes| {
-            let header = SafeTensors::read_metadata(&bytes);
-            header.is_ok_and(|(_, m)| m.metadata().as_ref().is_some_and(|entries| entries.contains_key(ENTRY)))
-        })
+        tensors::header_entry(path, ENTRY).is_some()
     }
 
     /// Reads a volume that [`Self::write`] wrote.

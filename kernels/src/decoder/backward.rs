@@ -33,7 +33,7 @@ pub(super) fn run(
     let count = blocks.clamp(1, RANGES);
     let mut ranges = Vec::with_capacity(count);
     let n = grad_out.len() / shape.outputs();
-    let widths = if n > 0 { x.widths(shape.inputs) } else { [shape.inputs, 0] };
+    let widths = x.widths(shape.inputs);
     let (mut features, mut own, mut row) = (grads.features, grads.own, 0);
     for r in 0..count {
         let cut = |r: usize| (r * blocks / count * BLOCK).min(used.len());

@@ -40,9 +40,9 @@ impl DecoderInputs<'_> {
         (self.features.len() + self.own.len()) / inputs
     }
 
-    /// `[F - E, E]` for `inputs` = F and at least one row.
+    /// `[F - E, E]` for `inputs` = F; zeros without rows.
     pub(super) fn widths(&self, inputs: usize) -> [usize; 2] {
-        let n = self.rows(inputs);
+        let n = self.rows(inputs).max(1);
         [self.features.len() / n, self.own.len() / n]
     }
 

@@ -310,6 +310,15 @@ fn empty_extents_are_reported_by_name() {
     assert_eq!(shape(1, 1, &[2, 3]).validate(), Ok(()));
 }
 
+#[test]
+fn no_rows_give_no_outputs_and_gradients_of_zero() {
+    let case = Case::new(shape(5, 3, &[1, 2]), 0, 9);
+    assert!(case.forward().is_empty());
+    let grads = case.backward(None);
+    assert!(grads[..6].iter().all(|part| part.iter().all(|g| *g == 0.0)), "{grads:?}");
+    assert!(grads[6].is_empty());
+}
+
 /// Columns of a row-major matrix.
 fn columns(rows: &[f32], width: usize, range: std::ops::Range<usize>) -> Vec<f32> {
     rows.chunks_exact(width).flat_map(|row| row[range.clone()].to_vec()).collect()
