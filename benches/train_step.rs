@@ -21,12 +21,12 @@ use common::{Numbers, SH_COEFFICIENTS, Samples, Scene, Splatter, measure};
 use volseggs::config::types::{Config, DecoderKind, ModelConfig};
 use volseggs::device::DeviceName;
 use volseggs::model::HostGaussians;
-use volseggs::model::decoder::{OUTPUT_COLUMNS, OUTPUTS};
 use volseggs::model::encoder::field_shape;
 use volseggs::train::densify::{self, Statistics};
 use volseggs::train::due::Due;
 use volseggs::train::losses;
 use volseggs_kernels::adam::{AdamStep, LrPattern, adam_step};
+use volseggs_kernels::changes::{COLUMNS, WIDTHS};
 use volseggs_kernels::decoder::{self, DecoderGrads, DecoderParams, DecoderShape};
 use volseggs_kernels::field::{self, FieldGrads, FieldParams, FieldShape};
 use volseggs_kernels::tv::{TvGrads, TvKind, TvReduction, TvWeights, tv};
@@ -152,15 +152,15 @@ fn field_and_decoder(
     out.push(("field backward", measure(repeats, backward).0));
 
     let head_sizes = match config.decoder {
-        DecoderKind::Heads => OUTPUTS.to_vec(),
-        DecoderKind::Shared => vec![OUTPUT_COLUMNS],
+        DecoderKind::Heads => WIDTHS.to_vec(),
+        DecoderKind::Shared => vec![COLUMNS],
     };
     let (inputs, width, heads) = (shape.features_len(), config.width, head_sizes.len());
     let decoder_shape = DecoderShape { inputs, width, head_sizes };
-    let sizes = [inputs * width, width, width * heads * width, heads * width, width * OUTPUT_COLUMNS, OUTPUT_COLUMNS];
+    let sizes = [inputs * width, width, width * heads * width, heads * width, width * COLUMNS, COLUMNS];
     let [w0, b0, w1, b1, w2, b2] = sizes.map(|len| r.take(len, |r| 0.2 * r.normal()));
     let params = DecoderParams { w0: &w0, b0: &b0, w1: &w1, b1: &b1, w2: &w2, b2: &b2 };
-    let mut change = vec![0.0; n * OUTPUT_COLUMNS];
+    let mut change = vec![0.0; n * COLUMNS];
     let forward = || decoder::forward(&decoder_shape, params, &features[..], &mut change);
     out.push(("decoder forward", measure(repeats, forward).0));
     let grad_change = r.take(change.len(), Numbers::normal);

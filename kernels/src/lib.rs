@@ -13,10 +13,12 @@ mod backend;
 mod camera;
 #[cfg(feature = "cube")]
 mod cube;
+mod scale;
 mod tensors;
 
 pub mod activation;
 pub mod adam;
+pub mod changes;
 pub mod contrast;
 pub mod decoder;
 pub mod field;
@@ -32,6 +34,7 @@ pub mod tv;
 pub use camera::Camera;
 #[cfg(feature = "cube")]
 pub use cube::{GpuPaths, gpu_paths, is_gpu};
+pub use scale::ScaleOps;
 
 /// Returns the vector instructions that the kernels use: the widest of the machine, or none if `VOLSEGGS_SIMD` is
 /// `scalar`, with which tests reach the portable path and benchmarks compare against it.

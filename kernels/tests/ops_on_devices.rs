@@ -1,4 +1,4 @@
-//! Field, SSIM, distance, total variation, rays, sines and Adam as tensor ops: the gradients that autodiff returns
+//! Field, changes by attribute, SSIM, distance, total variation, rays, sines and Adam as tensor ops: the gradients that autodiff returns
 //! match those of the f64 references, and all CPU devices give the same bits.
 #![allow(missing_docs, clippy::unwrap_used)]
 
@@ -7,6 +7,7 @@ mod common;
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{Numbers, Tested, relative_error, to_vec};
 use volseggs_kernels::adam::{AdamStep, AdamTensors, NonFinite, adam};
+use volseggs_kernels::changes::{COLUMNS, WIDTHS, split_changes};
 use volseggs_kernels::decoder::{DecoderShape, DecoderWeights, decoder};
 use volseggs_kernels::field::{FieldShape, LevelShape, field, reference as field_reference};
 use volseggs_kernels::march::{RaySamples, composite, reference as march_reference};
@@ -63,6 +64,43 @@ fn field_gradients_match_the_reference(on: Tested) {
     for (ours, expected) in ours[1..].iter().zip([&g.planes, &g.lines, &g.times, &g.points]) {
         assert!(relative_error(ours, expected) < tolerance);
     }
+}
+
+fn changes_are_split_by_attribute_and_their_gradients_joined(on: Tested) {
+    let n = 8192 + 37; // more than one task on a CPU
+    let (changes, weights) = (values(COLUMNS * n, 31), values(COLUMNS * n, 32));
+    let mut first = [0; 4];
+    for k in 1..4 {
+        first[k] = first[k - 1] + WIDTHS[k - 1];
+    }
+    let of = |all: &[f32], k: usize| -> Vec<f32> {
+        all.chunks_exact(COLUMNS).flat_map(|row| row[first[k]..first[k] + WIDTHS[k]].to_vec()).collect()
+    };
+    // how often each attribute is used: once, not at all, twice
+    for used in [[1, 1, 1, 1], [1, 0, 2, 0], [0, 0, 0, 3]] {
+        let ours = on.results(|device| {
+            let x = tensor(&changes, [n, COLUMNS], device).require_grad();
+            let parts = split_changes(x.clone());
+            let mut loss = Tensor::<1>::zeros([1], device);
+            for k in 0..4 {
+                for _ in 0..used[k] {
+                    loss = loss + (parts[k].clone() * tensor(&of(&weights, k), [n, WIDTHS[k]], device)).sum();
+                }
+            }
+            let g = loss.backward();
+            let parts = parts.map(|part| to_vec(part.inner()));
+            parts.into_iter().chain([to_vec(x.grad(&g).unwrap())]).collect()
+        });
+        for k in 0..4 {
+            assert_eq!(ours[k], of(&changes, k), "attribute {k}");
+            let expected: Vec<f32> = of(&weights, k).iter().map(|w| w * used[k] as f32).collect();
+            assert!(relative_error(&of(&ours[4], k), &wide(&expected)) < 1e-6, "gradient of {k}, {used:?}");
+        }
+    }
+    // without a gradient, and without rows
+    let plain = split_changes(tensor(&changes, [n, COLUMNS], &on.device));
+    assert_eq!(to_vec(plain[2].clone()), of(&changes, 2));
+    assert_eq!(split_changes(tensor(&[], [0, COLUMNS], &on.device)).map(|part| part.dims()), WIDTHS.map(|w| [0, w]));
 }
 
 fn ssim_and_its_gradient_match_the_reference(on: Tested) {
@@ -295,6 +333,7 @@ fn adam_reports_non_finite_values(on: Tested) {
 volseggs_testing::on_every_device!(
     crate::common::open =>
     field_gradients_match_the_reference,
+    changes_are_split_by_attribute_and_their_gradients_joined,
     ssim_and_its_gradient_match_the_reference,
     photometric_losses_and_their_gradients_match_the_reference,
     total_variation_and_its_gradients_match_the_reference,

@@ -4,12 +4,8 @@ use crate::config::types::{BiasInit, DecoderKind, ModelConfig};
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
+use volseggs_kernels::changes::{COLUMNS, WIDTHS};
 use volseggs_kernels::decoder::{DecoderShape, DecoderWeights, decoder};
-
-/// Columns of the decoder's output: mean, rotation, log-scale, opacity logit.
-pub const OUTPUTS: [usize; 4] = [3, 4, 3, 1];
-/// Their sum.
-pub const OUTPUT_COLUMNS: usize = 11;
 
 /// A trunk and one or four heads, their weights packed side by side:
 /// `head(relu(hidden(relu(trunk(x)))))`, each head with its own hidden layer.
@@ -56,15 +52,15 @@ impl Decoder {
         let mut rng = Rng::new(seed, 0, Purpose::DecoderInit);
         let width = config.width;
         let heads = match config.decoder {
-            DecoderKind::Heads => OUTPUTS.len(),
+            DecoderKind::Heads => WIDTHS.len(),
             DecoderKind::Shared => 1,
         };
         let trunk_weight = xavier(&mut rng, features, width, device);
         let hidden: Vec<Tensor<2>> = (0..heads).map(|_| xavier(&mut rng, width, width, device).val()).collect();
         let output_weight = if config.zero_init_heads {
-            uniform(&mut rng, width, OUTPUT_COLUMNS, 1e-4, device)
+            uniform(&mut rng, width, COLUMNS, 1e-4, device)
         } else {
-            xavier(&mut rng, width, OUTPUT_COLUMNS, device)
+            xavier(&mut rng, width, COLUMNS, device)
         };
         // drawn after the weights, which therefore do not depend on `bias_init`
         let mut bias = |inputs: usize, n: usize, is_zero: bool| {
@@ -81,7 +77,7 @@ impl Decoder {
             hidden_weight: Param::from_tensor(Tensor::cat(hidden, 1).detach()),
             hidden_bias: bias(width, heads * width, false),
             output_weight,
-            output_bias: bias(width, OUTPUT_COLUMNS, config.zero_init_heads),
+            output_bias: bias(width, COLUMNS, config.zero_init_heads),
             heads,
         }
     }
@@ -89,7 +85,7 @@ impl Decoder {
     /// Maps `[N, F - E]` features, with each Gaussian's own `[N, E]` numbers beside them if given, to `[N, 11]`, fused.
     pub fn forward(&self, features: Tensor<2>, own: Option<Tensor<2>>) -> Tensor<2> {
         let [inputs, width] = self.trunk_weight.dims();
-        let head_sizes = if self.heads == 1 { vec![OUTPUT_COLUMNS] } else { OUTPUTS.to_vec() };
+        let head_sizes = if self.heads == 1 { vec![COLUMNS] } else { WIDTHS.to_vec() };
         let weights = DecoderWeights {
             trunk: (self.trunk_weight.val(), self.trunk_bias.val()),
             hidden: (self.hidden_weight.val(), self.hidden_bias.val()),
@@ -113,7 +109,7 @@ mod tests {
         let [n, wide] = h.dims();
         let width = wide / decoder.heads;
         let weight = decoder.output_weight.val();
-        let sizes = if decoder.heads == 1 { vec![OUTPUT_COLUMNS] } else { OUTPUTS.to_vec() };
+        let sizes = if decoder.heads == 1 { vec![COLUMNS] } else { WIDTHS.to_vec() };
         let mut column = 0;
         let outputs = sizes.iter().enumerate().map(|(k, &size)| {
             let hidden = h.clone().slice([0..n, k * width..(k + 1) * width]);

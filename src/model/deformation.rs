@@ -12,6 +12,7 @@ use crate::config::types::methods::D3dgsConfig;
 use crate::config::types::{EncoderKind, ModelConfig, TimeRange};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
+use volseggs_kernels::changes::split_changes;
 use volseggs_kernels::splat::SplatInputs;
 
 /// Added to the opacity logit of a culled Gaussian.
@@ -100,17 +101,17 @@ impl DeformationField {
             None => features,
         };
         let [n, _] = change.dims();
-        let columns = |from: usize, to: usize| change.clone().slice([0..n, from..to]);
+        let [to_means, to_rotations, to_log_scales, to_opacity_logits] = split_changes(change);
         let mut opacity_logits = gaussians.opacity_logits.val();
         if let Some(marks) = marks(TRANSPARENT) {
             opacity_logits = opacity_logits + Tensor::from_data(TensorData::new(marks, [n]), &device);
         }
         SplatInputs {
-            means: means + columns(0, 3),
-            rotations: gaussians.rotations.val() + columns(3, 7),
-            log_scales: gaussians.log_scales.val() + columns(7, 10),
+            means: means + to_means,
+            rotations: gaussians.rotations.val() + to_rotations,
+            log_scales: gaussians.log_scales.val() + to_log_scales,
             opacity_logits: if self.placing.deform_opacity {
-                opacity_logits + columns(10, 11).reshape([n])
+                opacity_logits + to_opacity_logits.reshape([n])
             } else {
                 opacity_logits
             },

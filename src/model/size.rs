@@ -5,8 +5,7 @@ use super::encoder_definition::find_encoder;
 use super::rendering::check_dilation;
 use crate::config::types::{Appearance, DecoderKind, EncoderKind, ModelConfig};
 use crate::memory::product;
-
-use super::decoder::{OUTPUT_COLUMNS, OUTPUTS};
+use volseggs_kernels::changes::{COLUMNS, WIDTHS};
 
 /// Octaves of the positional encoding beyond which single precision carries no information about a position.
 pub(super) const MAX_OCTAVES: usize = 24;
@@ -95,7 +94,7 @@ pub fn hidden(config: &ModelConfig) -> u128 {
 
 fn heads(config: &ModelConfig) -> usize {
     match config.decoder {
-        DecoderKind::Heads => OUTPUTS.len(),
+        DecoderKind::Heads => WIDTHS.len(),
         DecoderKind::Shared => 1,
     }
 }
@@ -175,7 +174,7 @@ pub fn field_parameters(config: &ModelConfig) -> u128 {
     let width = config.width as u128;
     let trunk = layer(inputs(config), width);
     let hidden = layer(width, width).saturating_mul(heads(config) as u128);
-    let decoder = trunk.saturating_add(hidden).saturating_add(layer(width, OUTPUT_COLUMNS as u128));
+    let decoder = trunk.saturating_add(hidden).saturating_add(layer(width, COLUMNS as u128));
     encoder_parameters(config).saturating_add(decoder)
 }
 

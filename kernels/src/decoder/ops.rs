@@ -3,7 +3,7 @@
 use super::cpu::{backward, forward};
 use super::params::{DecoderGrads, DecoderInputs, DecoderParams};
 use super::shape::DecoderShape;
-use crate::backend::CpuBackend;
+use crate::backend::{CpuBackend, zeros};
 use crate::tensors::{op_tensors, register};
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -114,7 +114,7 @@ fn cpu_forward<B: CpuBackend>(inputs: &DecoderTensors<B>, shape: &DecoderShape) 
     let n = inputs.features.shape()[0];
     let [features, own, w0, b0, w1, b1, w2, b2] = inputs.as_array().map(B::values);
     let params = DecoderParams { w0: &w0, b0: &b0, w1: &w1, b1: &b1, w2: &w2, b2: &b2 };
-    let mut out = vec![0.0; n * shape.outputs()];
+    let mut out = zeros(n * shape.outputs());
     forward(shape, params, DecoderInputs { features: &features, own: &own }, &mut out);
     B::tensor(out, [n, shape.outputs()], &inputs.features.device())
 }
@@ -125,7 +125,7 @@ fn cpu_backward<B: CpuBackend>(
     shape: &DecoderShape,
 ) -> DecoderTensors<B> {
     let device = inputs.features.device();
-    let mut grads = inputs.as_array().map(|t| vec![0.0f32; t.shape().num_elements()]);
+    let mut grads = inputs.as_array().map(|t| zeros(t.shape().num_elements()));
     {
         let [features, own, w0, b0, w1, b1, w2, b2] = inputs.as_array().map(B::values);
         let params = DecoderParams { w0: &w0, b0: &b0, w1: &w1, b1: &b1, w2: &w2, b2: &b2 };

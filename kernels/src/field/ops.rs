@@ -3,7 +3,7 @@
 use super::cpu::{backward, forward};
 use super::params::{FieldGrads, FieldParams};
 use super::shape::FieldShape;
-use crate::backend::CpuBackend;
+use crate::backend::{CpuBackend, zeros};
 use crate::tensors::{op_tensors, register};
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -75,7 +75,7 @@ pub fn field(
 
 fn cpu_forward<B: CpuBackend>(inputs: &FieldTensors<B>, shape: &FieldShape, time: f32) -> FloatTensor<B> {
     let n = inputs.points.shape()[0];
-    let mut features = vec![0.0; n * shape.features_len()];
+    let mut features = zeros(n * shape.features_len());
     let [planes, lines, times, points] = inputs.as_array().map(B::values);
     forward(shape, FieldParams { planes: &planes, lines: &lines, times: &times }, &points, time, &mut features);
     B::tensor(features, [n, shape.features_len()], &inputs.points.device())
@@ -91,12 +91,7 @@ fn cpu_backward<B: CpuBackend>(
     let n = inputs.points.shape()[0];
     let [planes, lines, times, points] = inputs.as_array().map(B::values);
     let params = FieldParams { planes: &planes, lines: &lines, times: &times };
-    let mut grads = (
-        vec![0.0; params.planes.len()],
-        vec![0.0; params.lines.len()],
-        vec![0.0; params.times.len()],
-        vec![0.0; 3 * n],
-    );
+    let mut grads = (zeros(params.planes.len()), zeros(params.lines.len()), zeros(params.times.len()), zeros(3 * n));
     let out = FieldGrads { planes: &mut grads.0, lines: &mut grads.1, times: &mut grads.2, points: &mut grads.3 };
     let grad = B::values(grad);
     // Gaussians seen by no pixel have a gradient of zero: about half of them in a translucent scene

@@ -1,7 +1,8 @@
 //! The distance as a differentiable op on tensors. The forward pass computes the gradient too, in the same sweep.
 
 use super::{Distance, photometric};
-use crate::backend::CpuBackend;
+use crate::backend::{CpuBackend, zeros};
+use crate::scale::ScaleOps;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
@@ -63,7 +64,7 @@ fn cpu_forward<B: CpuBackend>(
 ) -> PhotometricForward<B> {
     let device = image.device();
     let (a, b) = (B::values(image), B::values(target));
-    let mut grad = vec![0.0; a.len()];
+    let mut grad = zeros(a.len());
     let (value, squared) = photometric(&a, &b, kind, alpha, &mut grad);
     let scalar = |v: f64| B::tensor(vec![v as f32], [1], &device);
     PhotometricForward { value: scalar(value), squared: scalar(squared), grad: B::tensor(grad, image.shape(), &device) }
@@ -94,19 +95,18 @@ bind!(burn_tch::LibTorch);
 #[derive(Debug)]
 struct PhotometricBackward;
 
-impl<B: PhotometricOps> Backward<B, 1> for PhotometricBackward {
+impl<B: PhotometricOps + ScaleOps> Backward<B, 1> for PhotometricBackward {
     type State = FloatTensor<B>;
 
     fn backward(self, ops: Ops<Self::State, 1>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
         let upstream = grads.consume::<B>(&ops.node);
         if let [Some(node)] = ops.parents {
-            let upstream = B::float_reshape(upstream, [1, 1, 1].into());
-            grads.register::<B>(node.id, B::float_mul(ops.state, upstream));
+            grads.register::<B>(node.id, B::scaled(ops.state, upstream));
         }
     }
 }
 
-impl<B: PhotometricOps, C: CheckpointStrategy> PhotometricOps for Autodiff<B, C> {
+impl<B: PhotometricOps + ScaleOps, C: CheckpointStrategy> PhotometricOps for Autodiff<B, C> {
     fn photometric_forward(
         image: FloatTensor<Self>,
         target: FloatTensor<Self>,

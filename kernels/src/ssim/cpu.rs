@@ -3,6 +3,7 @@
 //! so the bits do not depend on the thread count.
 
 use super::{C1, C2, RADIUS, TAPS, window};
+use crate::backend::zeros;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -56,7 +57,7 @@ pub fn ssim_grad(a: &[f32], b: &[f32], h: usize, w: usize, scale: f32, grad_a: &
     }
     let taps = window().map(|tap| tap as f32);
     let row = w * RGB;
-    let mut slopes = [(); 3].map(|()| vec![0.0f32; a.len()]);
+    let mut slopes = [(); 3].map(|()| zeros(a.len()));
     let [mean, square, product] = &mut slopes;
     let sums: Vec<f64> = mean
         .par_chunks_mut(BAND * row)

@@ -1,7 +1,8 @@
 //! SSIM as a differentiable op on tensors. The forward pass computes the gradient too, in the same sweep.
 
 use super::{ssim, ssim_grad};
-use crate::backend::CpuBackend;
+use crate::backend::{CpuBackend, zeros};
+use crate::scale::ScaleOps;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
@@ -47,7 +48,7 @@ fn cpu_forward<B: CpuBackend>(a: &FloatTensor<B>, b: &FloatTensor<B>, with_grad:
     let channels = shape[2];
     let (va, vb) = (colours(B::values(a), channels), colours(B::values(b), channels));
     let (value, grad) = if with_grad {
-        let mut grad = vec![0.0; va.len()];
+        let mut grad = zeros(va.len());
         let value = ssim_grad(&va, &vb, h, w, 1.0, &mut grad);
         let grad = if channels == 4 { with_alpha(&grad) } else { grad };
         (value, B::tensor(grad, shape, &device))
@@ -65,7 +66,7 @@ fn colours(values: Cow<'_, [f32]>, channels: usize) -> Cow<'_, [f32]> {
     if channels == 3 {
         return values;
     }
-    let mut out = vec![0.0; values.len() / 4 * 3];
+    let mut out = zeros(values.len() / 4 * 3);
     out.par_chunks_mut(3 * PIECE).zip(values.par_chunks(4 * PIECE)).for_each(|(out, values)| {
         for (out, pixel) in out.chunks_exact_mut(3).zip(values.chunks_exact(4)) {
             out.copy_from_slice(&pixel[..3]);
@@ -76,7 +77,7 @@ fn colours(values: Cow<'_, [f32]>, channels: usize) -> Cow<'_, [f32]> {
 
 /// Returns the gradient of the colours with a zero for alpha, `[H * W * 4]`.
 fn with_alpha(grad: &[f32]) -> Vec<f32> {
-    let mut out = vec![0.0; grad.len() / 3 * 4];
+    let mut out = zeros(grad.len() / 3 * 4);
     out.par_chunks_mut(4 * PIECE).zip(grad.par_chunks(3 * PIECE)).for_each(|(out, grad)| {
         for (out, pixel) in out.chunks_exact_mut(4).zip(grad.chunks_exact(3)) {
             out[..3].copy_from_slice(pixel);
@@ -105,19 +106,18 @@ bind!(burn_tch::LibTorch);
 #[derive(Debug)]
 struct SsimBackward;
 
-impl<B: SsimOps> Backward<B, 1> for SsimBackward {
+impl<B: SsimOps + ScaleOps> Backward<B, 1> for SsimBackward {
     type State = FloatTensor<B>;
 
     fn backward(self, ops: Ops<Self::State, 1>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
         let upstream = grads.consume::<B>(&ops.node);
         if let [Some(node)] = ops.parents {
-            let upstream = B::float_reshape(upstream, [1, 1, 1].into());
-            grads.register::<B>(node.id, B::float_mul(ops.state, upstream));
+            grads.register::<B>(node.id, B::scaled(ops.state, upstream));
         }
     }
 }
 
-impl<B: SsimOps, C: CheckpointStrategy> SsimOps for Autodiff<B, C> {
+impl<B: SsimOps + ScaleOps, C: CheckpointStrategy> SsimOps for Autodiff<B, C> {
     fn ssim_forward(a: FloatTensor<Self>, b: FloatTensor<Self>, _: bool) -> SsimForward<Self> {
         let (a, node) = a.into_parts();
         let (b, _) = b.into_parts();

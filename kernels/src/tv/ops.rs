@@ -1,8 +1,9 @@
 //! The smoothness penalty as a differentiable op on tensors. The forward pass computes the gradient too.
 
 use super::{TvGrads, TvKind, TvWeights, tv};
-use crate::backend::CpuBackend;
+use crate::backend::{CpuBackend, zeros};
 use crate::field::{FieldParams, FieldShape};
+use crate::scale::ScaleOps;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
@@ -64,7 +65,7 @@ fn cpu_forward<B: CpuBackend>(
     let device = planes.device();
     let values = (B::values(planes), B::values(lines), B::values(times));
     let params = FieldParams { planes: &values.0, lines: &values.1, times: &values.2 };
-    let mut grads = (vec![0.0; params.planes.len()], vec![0.0; params.lines.len()], vec![0.0; params.times.len()]);
+    let mut grads = (zeros(params.planes.len()), zeros(params.lines.len()), zeros(params.times.len()));
     let out = TvGrads { planes: &mut grads.0, lines: &mut grads.1, times: &mut grads.2 };
     let value = tv(params, shape, kind, weights, out);
     TvForward {
@@ -102,20 +103,20 @@ bind!(burn_tch::LibTorch);
 #[derive(Debug)]
 struct TvBackward;
 
-impl<B: TvOps> Backward<B, 3> for TvBackward {
+impl<B: TvOps + ScaleOps> Backward<B, 3> for TvBackward {
     type State = [FloatTensor<B>; 3];
 
     fn backward(self, ops: Ops<Self::State, 3>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
         let upstream = grads.consume::<B>(&ops.node);
         for (parent, grad) in ops.parents.into_iter().zip(ops.state) {
             if let Some(node) = parent {
-                grads.register::<B>(node.id, B::float_mul(grad, upstream.clone()));
+                grads.register::<B>(node.id, B::scaled(grad, upstream.clone()));
             }
         }
     }
 }
 
-impl<B: TvOps, C: CheckpointStrategy> TvOps for Autodiff<B, C> {
+impl<B: TvOps + ScaleOps, C: CheckpointStrategy> TvOps for Autodiff<B, C> {
     fn tv_forward(
         planes: FloatTensor<Self>,
         lines: FloatTensor<Self>,

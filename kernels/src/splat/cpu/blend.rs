@@ -5,6 +5,7 @@ use super::bin::{Bins, GATHER, Order, RowLists, TileRow};
 use super::lanes::{any, wide};
 use super::project::Splat2d;
 use super::rule::Rule;
+use crate::backend::zeros;
 use crate::splat::SplatSettings;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
@@ -95,7 +96,7 @@ pub(crate) fn blend_rows(
 ) -> (Vec<f32>, Bins) {
     let (width, height) = (settings.camera.width, settings.camera.height);
     let tiles_x = width.div_ceil(TILE);
-    let mut image = vec![0.0f32; width * height * 4];
+    let mut image = zeros(width * height * 4);
     let rows = image
         .par_chunks_mut(width * TILE * 4)
         .enumerate()

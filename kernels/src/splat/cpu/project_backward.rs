@@ -6,6 +6,7 @@ use super::blend_backward::ScreenGradient;
 use super::covariance::{Covariances, Gradient};
 use super::lanes::wide;
 use super::project::{Projection, Splat2d, row, view_direction};
+use crate::backend::zeros;
 use crate::splat::SplatSettings;
 use crate::{Camera, sh};
 use rayon::prelude::*;
@@ -29,11 +30,11 @@ pub(super) fn project_backward(
     let ranks = order.ranks(n);
     let width = 3 * a.sh_stride;
     let mut g = Gradients {
-        means: vec![0.0; 3 * n],
-        covariances: a.covariances.map(|rows| vec![0.0; rows.len()]),
-        opacity_logits: vec![0.0; n],
-        sh: vec![0.0; width * n],
-        screen_offsets: vec![0.0; 2 * n],
+        means: zeros(3 * n),
+        covariances: a.covariances.map(|rows| zeros(rows.len())),
+        opacity_logits: zeros(n),
+        sh: zeros(width * n),
+        screen_offsets: zeros(2 * n),
     };
     let eye = settings.camera.position();
     const CHUNK: usize = 1024;
