@@ -28,17 +28,22 @@ pub(crate) trait CpuBackend: Backend {
     }
 }
 
-/// Length from which [`zeros`] are written by all threads.
-const LARGE: usize = 1 << 18;
+/// Length from which buffers are written by all threads.
+const LARGE: usize = 1 << 16;
 
 /// Returns `len` zeros for a kernel to write to. One thread takes 4 ms for the features of 150,000 Gaussians, as long as
 /// two take to compute them.
 pub(crate) fn zeros(len: usize) -> Vec<f32> {
+    filled(0.0, len)
+}
+
+/// Returns `len` copies of `value`, as [`zeros`].
+pub(crate) fn filled<T: Copy + Send + Sync>(value: T, len: usize) -> Vec<T> {
     if len < LARGE {
-        return vec![0.0; len];
+        return vec![value; len];
     }
     let mut values = Vec::new();
-    values.par_extend(rayon::iter::repeat_n(0.0, len).with_min_len(LARGE / 4));
+    values.par_extend(rayon::iter::repeat_n(value, len).with_min_len(LARGE / 4));
     values
 }
 

@@ -1,6 +1,7 @@
 //! Entries of the training logs for a step.
 
 use super::StepReport;
+use super::report::StepTimes;
 use crate::log::tensorboard::EventWriter;
 use serde::Serialize;
 
@@ -15,6 +16,7 @@ pub struct Line {
     gaussians: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
     test_psnr: Option<f64>,
+    /// Of a step, the mean since the line before.
     milliseconds: Milliseconds,
 }
 
@@ -37,10 +39,9 @@ pub fn message(report: &StepReport, train: Option<f64>, test: Option<f64>) -> St
     format!("{} loss {:.5} train {train:.2} dB{test}{count}", report.stage, report.loss)
 }
 
-/// Returns the line of a step.
-pub fn line(report: &StepReport, seconds: f64, test_psnr: Option<f64>) -> Line {
+/// Returns the line of a step, with the mean times `t` of the steps since the line before.
+pub fn line(report: &StepReport, t: &StepTimes, seconds: f64, test_psnr: Option<f64>) -> Line {
     let ms = |d: std::time::Duration| (d.as_secs_f64() * 1e5).round() / 100.0;
-    let t = &report.times;
     Line {
         step: report.step + 1,
         seconds: (seconds * 1e3).round() / 1e3,

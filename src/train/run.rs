@@ -3,6 +3,7 @@
 use super::checkpoint::{self, CheckpointError, State};
 use super::logs::{line, log_events, message};
 use super::observer::{Moment, Observer, wait_for};
+use super::report::MeanTimes;
 use super::resume::{AVERAGE, Change};
 use super::{TrainError, Training};
 use crate::config::types::{Config, VOLSEGGS};
@@ -283,7 +284,7 @@ pub fn run(
     let mut saved = newest.is_some() && changed.iter().all(|change| change.key != AVERAGE);
     let mut test_psnr = None;
     let mut smooth_psnr: Option<f64> = None;
-    let mut report = None;
+    let (mut report, mut times) = (None, MeanTimes::default());
     // a run resumed after its time is over takes no step; a new one takes one, so that there is a checkpoint
     let out_of_time = |steps: usize| {
         let minutes = config.output.max_minutes;
@@ -306,6 +307,7 @@ pub fn run(
         }
         let bar = bar.get_or_insert_with(|| progress::step_bar(total, first));
         let report = report.insert(training.step(&dataset.train)?);
+        times.add(report.times);
         saved = false;
         let done = report.step + 1;
         smooth_psnr = Some(smooth_psnr.map_or(report.psnr, |p| 0.98 * p + 0.02 * report.psnr));
@@ -317,7 +319,7 @@ pub fn run(
         }
         if every(config.output.log_every) || every(config.output.eval_every) {
             let evaluated = test_psnr.filter(|_| every(config.output.eval_every));
-            let line = line(report, seconds(), evaluated);
+            let line = line(report, &times.take(), seconds(), evaluated);
             metrics.append(&line)?;
             log_events(&mut events, &line).map_err(|e| log_error(&events_path, &e))?;
         }

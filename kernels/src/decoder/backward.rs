@@ -21,7 +21,8 @@ pub(super) fn run(
     grads: DecoderGrads<'_>,
 ) {
     let used: Vec<usize> = grad_out
-        .chunks_exact(shape.outputs())
+        .par_chunks_exact(shape.outputs())
+        .with_min_len(1024)
         .enumerate()
         .filter(|&(i, row)| active.is_none_or(|on| on[i]) && row.iter().any(|&g| g != 0.0))
         .map(|(i, _)| i)

@@ -7,6 +7,7 @@
 use super::TILE;
 use super::lanes::wide;
 use super::project::Splat2d;
+use crate::backend::filled;
 use rayon::prelude::*;
 
 /// Number of Gaussians gathered from scattered memory before they are read, so that their cache misses overlap.
@@ -55,7 +56,7 @@ impl Order {
     pub(crate) fn new(splats: &[Splat2d], height: usize) -> Self {
         let tiles_y = height.div_ceil(TILE);
         let indices = depth_order(splats);
-        let mut sorted = vec![Splat2d::default(); indices.len()];
+        let mut sorted = filled(Splat2d::default(), indices.len());
         let mut spans = vec![[0; 2]; indices.len()];
         let arch = crate::arch();
         const CHUNK: usize = 4096;

@@ -9,6 +9,7 @@ use super::blend::{COLUMN_CENTRES, Plane, Tile, TileArea, row_range, row_takes};
 use super::lanes::any;
 use super::rule::Rule;
 use super::{Saved, TILE};
+use crate::backend::filled;
 use crate::splat::{ALPHA_MAX, SplatSettings};
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
@@ -41,7 +42,7 @@ pub(super) fn blend_backward(saved: &Saved, grad_image: &[f32], settings: &Splat
 /// so the order of additions does not depend on the number of tasks.
 fn merge(saved: &Saved, partial: &[Vec<ScreenGradient>]) -> Vec<ScreenGradient> {
     let n = saved.order.splats.len();
-    let mut sums = vec![[0.0; 9]; n];
+    let mut sums = filled([0.0; 9], n);
     let range = n.div_ceil(rayon::current_num_threads()).max(1);
     sums.par_chunks_mut(range).enumerate().for_each(|(k, out)| {
         let start = (k * range) as u32;

@@ -19,6 +19,7 @@ use bin::{Bins, Order};
 use burn::backend::TensorMetadata;
 use burn::backend::tensor::FloatTensor;
 use covariance::Covariances;
+use rayon::prelude::*;
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -100,8 +101,10 @@ fn forward(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings
     let splats = project::project(attributes, offsets, settings);
     let order = Order::new(&splats, settings.camera.height);
     let (image, bins) = blend::blend(&order, settings);
-    let radii = splats.iter().map(|s| s.radius).collect();
-    (image.clone(), radii, Saved { order, bins, image })
+    let radii = splats.par_iter().map(|s| s.radius).collect();
+    // by all threads
+    let kept = image.par_iter().copied().collect();
+    (image, radii, Saved { order, bins, image: kept })
 }
 
 impl<B: CpuBackend> CpuSplat for B {}

@@ -4,6 +4,7 @@ use super::Attributes;
 use super::covariance::{Covariance, Covariances, dot};
 use super::lanes::{LOG2_E, wide};
 use crate::activation::sigmoid;
+use crate::backend::filled;
 use crate::sh;
 use crate::splat::{ALPHA_MIN, NEAR, SplatSettings};
 use rayon::prelude::*;
@@ -91,7 +92,7 @@ const CHUNK: usize = 1024;
 pub(crate) fn project(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings) -> Vec<Splat2d> {
     let eye = settings.camera.position();
     let arch = crate::arch();
-    let mut splats = vec![Splat2d::default(); attributes.len()];
+    let mut splats = filled(Splat2d::default(), attributes.len());
     splats.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
         wide(
             arch,
