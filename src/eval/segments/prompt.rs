@@ -17,6 +17,8 @@ const MAX_PIXELS: usize = 6000;
 const SHARE: f32 = 0.5;
 /// Minimum alpha of a pixel that can be covered.
 const MIN_ALPHA: f32 = 0.02;
+/// Fraction of the segment's pixels below which a user would see nothing missing: a fringe of a pixel along outlines.
+const SATISFIED: f64 = 0.05;
 /// Maximum number of pixels of the segment among which a further click is placed.
 const MAX_PLACES: usize = 24_000;
 
@@ -115,13 +117,19 @@ impl Prompt {
     }
 
     /// Returns a click on the pixel that lies deepest in the part of the segment that `selected` misses, where the
-    /// scene shows anything; `None` if it misses nothing, or there is only one click.
+    /// scene shows anything; `None` if it misses less than a twentieth of what is shown, or there is only one click.
     #[must_use]
     pub fn next(&self, selected: &[bool]) -> Option<Click> {
         let Places { size: [columns, rows], inside, pixels } = self.places.as_ref()?;
         let mut missed = vec![false; columns * rows];
-        for (p, &place) in inside.iter().enumerate() {
-            missed[place as usize] = shows(pixels, p) && !covered(pixels, p, selected);
+        let (mut lacking, mut shown) = (0usize, 0usize);
+        for (p, &place) in inside.iter().enumerate().filter(|(p, _)| shows(pixels, *p)) {
+            missed[place as usize] = !covered(pixels, p, selected);
+            lacking += usize::from(missed[place as usize]);
+            shown += 1;
+        }
+        if (lacking as f64) < SATISFIED * shown as f64 {
+            return None;
         }
         let place = deepest(&missed, *columns, *rows);
         let p = inside.binary_search(&(place as u32)).ok()?;
@@ -261,5 +269,9 @@ mod tests {
         let on = heaviest(&click.under, |_| true).unwrap() as usize;
         assert!(missing(on) && from_centre(on) < 0.1, "{} from the centre", from_centre(on));
         assert_eq!(prompt.next(&vec![true; at.len()]), None);
+        // a strip of an eightieth of the picture is no reason to click again
+        let strip: Vec<bool> = (0..at.len()).map(|i| (at.means[3 * i] - 0.8).abs() >= 0.01).collect();
+        assert!(strip.iter().any(|selected| !selected));
+        assert_eq!(prompt.next(&strip), None);
     }
 }
