@@ -1,7 +1,7 @@
 //! Changes of Gaussians `[N, 11]`, as a decoder returns them, by attribute.
 //!
-//! Slices of the tensor would be the same, but in a backward pass each of them makes a gradient as large as the whole,
-//! of zeros but for its columns, and these are then added up. Here the gradient is put together once.
+//! Slices of the tensor would do the same, but in a backward pass each of them makes a gradient as large as the whole,
+//! zero except in its columns, and these are then added up. Here the gradient is put together once.
 
 mod ops;
 

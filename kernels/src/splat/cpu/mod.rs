@@ -102,7 +102,7 @@ fn forward(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings
     let order = Order::new(&splats, settings.camera.height);
     let (image, bins) = blend::blend(&order, settings);
     let radii = splats.par_iter().map(|s| s.radius).collect();
-    // by all threads
+    // a clone would be made by one thread while the others wait
     let kept = image.par_iter().copied().collect();
     (image, radii, Saved { order, bins, image: kept })
 }
