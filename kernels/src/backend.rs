@@ -28,6 +28,19 @@ pub(crate) trait CpuBackend: Backend {
     }
 }
 
+/// Calls the macro `$bind`, which implements an op's traits, for each CPU backend that is compiled in.
+macro_rules! for_cpu_backends {
+    ($bind:ident) => {
+        #[cfg(feature = "ndarray")]
+        $bind!(burn_ndarray::NdArray);
+        #[cfg(feature = "flex")]
+        $bind!(burn_flex::Flex);
+        #[cfg(feature = "tch")]
+        $bind!(burn_tch::LibTorch);
+    };
+}
+pub(crate) use for_cpu_backends;
+
 /// Length from which buffers are written by all threads.
 const LARGE: usize = 1 << 16;
 

@@ -1,5 +1,5 @@
-//! Field, changes by attribute, SSIM, distance, total variation, rays, sines and Adam as tensor ops: the gradients that autodiff returns
-//! match those of the f64 references, and all CPU devices give the same bits.
+//! Field, changes by attribute, SSIM, distance, total variation, rays, sines and Adam as tensor ops: the gradients that
+//! autodiff returns match those of the f64 references, and all CPU devices give the same bits.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod common;

@@ -3,7 +3,7 @@
 
 use super::cpu::first_non_finite;
 use super::{AdamStep, adam_step};
-use crate::backend::CpuBackend;
+use crate::backend::{CpuBackend, for_cpu_backends};
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, ExtensionType, TensorMetadata, backend_extension};
 use burn::tensor::Tensor;
@@ -123,9 +123,4 @@ macro_rules! bind {
     };
 }
 
-#[cfg(feature = "ndarray")]
-bind!(burn_ndarray::NdArray);
-#[cfg(feature = "flex")]
-bind!(burn_flex::Flex);
-#[cfg(feature = "tch")]
-bind!(burn_tch::LibTorch);
+for_cpu_backends!(bind);

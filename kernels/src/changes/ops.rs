@@ -1,7 +1,7 @@
 //! The split as a differentiable op on tensors for every backend, with its implementation for those in host memory.
 
 use super::{COLUMNS, WIDTHS};
-use crate::backend::{CpuBackend, zeros};
+use crate::backend::{CpuBackend, for_cpu_backends, zeros};
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
@@ -123,12 +123,7 @@ macro_rules! bind {
     };
 }
 
-#[cfg(feature = "ndarray")]
-bind!(burn_ndarray::NdArray);
-#[cfg(feature = "flex")]
-bind!(burn_flex::Flex);
-#[cfg(feature = "tch")]
-bind!(burn_tch::LibTorch);
+for_cpu_backends!(bind);
 
 /// The GPU implementation, by operations of the backend: four slices forward, one concatenation backward.
 #[cfg(feature = "cube")]

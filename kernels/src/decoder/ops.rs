@@ -3,7 +3,7 @@
 use super::cpu::{backward, forward};
 use super::params::{DecoderGrads, DecoderInputs, DecoderParams};
 use super::shape::DecoderShape;
-use crate::backend::{CpuBackend, zeros};
+use crate::backend::{CpuBackend, for_cpu_backends, zeros};
 use crate::tensors::{op_tensors, register};
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -161,12 +161,7 @@ macro_rules! bind {
     };
 }
 
-#[cfg(feature = "ndarray")]
-bind!(burn_ndarray::NdArray);
-#[cfg(feature = "flex")]
-bind!(burn_flex::Flex);
-#[cfg(feature = "tch")]
-bind!(burn_tch::LibTorch);
+for_cpu_backends!(bind);
 
 #[derive(Clone, Debug)]
 struct State<B: DecoderBackwardOps> {

@@ -2,7 +2,7 @@
 
 use super::cpu::{backward, forward};
 use super::rays::RaySamples;
-use crate::backend::CpuBackend;
+use crate::backend::{CpuBackend, for_cpu_backends};
 use crate::tensors::{op_tensors, register};
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -103,12 +103,7 @@ macro_rules! bind {
     };
 }
 
-#[cfg(feature = "ndarray")]
-bind!(burn_ndarray::NdArray);
-#[cfg(feature = "flex")]
-bind!(burn_flex::Flex);
-#[cfg(feature = "tch")]
-bind!(burn_tch::LibTorch);
+for_cpu_backends!(bind);
 
 #[derive(Clone, Debug)]
 struct State<B: MarchBackwardOps> {

@@ -1,7 +1,7 @@
 //! Sines as a differentiable op on tensors, for every backend.
 
 use super::cpu::{backward, forward};
-use crate::backend::CpuBackend;
+use crate::backend::{CpuBackend, for_cpu_backends};
 use crate::tensors::{op_tensors, register};
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -78,12 +78,7 @@ macro_rules! bind {
     };
 }
 
-#[cfg(feature = "ndarray")]
-bind!(burn_ndarray::NdArray);
-#[cfg(feature = "flex")]
-bind!(burn_flex::Flex);
-#[cfg(feature = "tch")]
-bind!(burn_tch::LibTorch);
+for_cpu_backends!(bind);
 
 /// The GPU implementation, by operations of the backend: passes over memory are cheap there compared with the matrix
 /// products around them.

@@ -1,7 +1,7 @@
 //! SSIM as a differentiable op on tensors. The forward pass computes the gradient too, in the same sweep.
 
 use super::{ssim, ssim_grad};
-use crate::backend::{CpuBackend, zeros};
+use crate::backend::{CpuBackend, for_cpu_backends, zeros};
 use crate::scale::ScaleOps;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -96,12 +96,7 @@ macro_rules! bind {
     };
 }
 
-#[cfg(feature = "ndarray")]
-bind!(burn_ndarray::NdArray);
-#[cfg(feature = "flex")]
-bind!(burn_flex::Flex);
-#[cfg(feature = "tch")]
-bind!(burn_tch::LibTorch);
+for_cpu_backends!(bind);
 
 #[derive(Debug)]
 struct SsimBackward;

@@ -1,7 +1,7 @@
 //! The smoothness penalty as a differentiable op on tensors. The forward pass computes the gradient too.
 
 use super::{TvGrads, TvKind, TvWeights, tv};
-use crate::backend::{CpuBackend, zeros};
+use crate::backend::{CpuBackend, for_cpu_backends, zeros};
 use crate::field::{FieldParams, FieldShape};
 use crate::scale::ScaleOps;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
@@ -93,12 +93,7 @@ macro_rules! bind {
     };
 }
 
-#[cfg(feature = "ndarray")]
-bind!(burn_ndarray::NdArray);
-#[cfg(feature = "flex")]
-bind!(burn_flex::Flex);
-#[cfg(feature = "tch")]
-bind!(burn_tch::LibTorch);
+for_cpu_backends!(bind);
 
 #[derive(Debug)]
 struct TvBackward;

@@ -3,7 +3,7 @@
 
 use super::cpu;
 use super::{Contributors, ContributorsError};
-use crate::backend::CpuBackend;
+use crate::backend::{CpuBackend, for_cpu_backends};
 use crate::splat::cpu::{Values, bin::Order, project};
 use crate::splat::{SplatSettings, SplatTensors};
 use burn::backend::tensor::IntTensor;
@@ -55,9 +55,4 @@ macro_rules! bind {
     };
 }
 
-#[cfg(feature = "ndarray")]
-bind!(burn_ndarray::NdArray);
-#[cfg(feature = "flex")]
-bind!(burn_flex::Flex);
-#[cfg(feature = "tch")]
-bind!(burn_tch::LibTorch);
+for_cpu_backends!(bind);

@@ -14,7 +14,7 @@ mod project_backward;
 pub(crate) mod rule;
 
 use super::{CovarianceTensors, SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
-use crate::backend::CpuBackend;
+use crate::backend::{CpuBackend, for_cpu_backends};
 use bin::{Bins, Order};
 use burn::backend::TensorMetadata;
 use burn::backend::tensor::FloatTensor;
@@ -175,9 +175,4 @@ macro_rules! bind {
     };
 }
 
-#[cfg(feature = "ndarray")]
-bind!(burn_ndarray::NdArray);
-#[cfg(feature = "flex")]
-bind!(burn_flex::Flex);
-#[cfg(feature = "tch")]
-bind!(burn_tch::LibTorch);
+for_cpu_backends!(bind);
