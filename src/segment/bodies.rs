@@ -3,20 +3,18 @@
 //! alone, such a layer is a segment of its own or is grouped with distant objects of its hue.
 //!
 //! The connected pieces of each material are compared with the pieces of other materials that they touch. A surface
-//! layer touches what it covers nearly everywhere and is not connected to the rest of its material.
+//! layer touches what it covers nearly everywhere and is not connected to the rest of its material. Layers that are
+//! connected to it are told by their edge, see [`surface_layers`].
 
+use super::contacts::Contacts;
 use super::pieces::{Touch, pieces};
+use super::surface_layers;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::chunks::point;
-use crate::points::components::largest_scales;
 use crate::points::neighbours::Grid;
 use std::collections::BTreeMap;
 
-/// Neighbours searched for contacts.
-const NEIGHBOURS: usize = 12;
-/// Contact distance of two Gaussians, as a multiple of the sum of their largest standard deviations.
-const REACH: f32 = 1.0;
 /// Minimum fraction of a piece, by opacity, in contact with another piece for it to join that one's body. Surface
 /// layers of trained scenes have 0.87 to 0.94; a body in a shell, or a core in a body, at most 0.37: see the results of
 /// 2026-11-25 in `benches/results`.
@@ -43,8 +41,22 @@ const MIXED: f64 = 0.5;
 /// If an index is not below N.
 pub fn join_surface_layers(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Result<(), PointsError> {
     let opacity: Vec<f64> = shown.iter().map(|&i| f64::from(at.opacity_of(i as usize))).collect();
-    let pieces = Pieces::of(at, shown, labels, &opacity)?;
-    let contacts = pieces.contacts(at, shown, &opacity)?;
+    let contacts = Contacts::among(at, shown)?;
+    join_pieces(at, shown, (&contacts, &opacity), labels)?;
+    surface_layers::join(&contacts, &opacity, labels)?;
+    // what lay outside of such a layer is left as pieces
+    join_pieces(at, shown, (&contacts, &opacity), labels)
+}
+
+/// Joins connected pieces that are surface layers as a whole.
+fn join_pieces(
+    at: &HostGaussians,
+    shown: &[u32],
+    (contacts, opacity): (&Contacts, &[f64]),
+    labels: &mut [u32],
+) -> Result<(), PointsError> {
+    let pieces = Pieces::of(at, shown, labels, opacity)?;
+    let contacts = pieces.contacts(contacts, opacity);
     let touching = |from: usize, to: usize| contacts.get(&(from, to)).map_or(0.0, |w| w / pieces.weights[from]);
     // the body that each piece covers: the one of highest opacity among those that qualify
     let mut covers: Vec<Option<usize>> = vec![None; pieces.weights.len()];
@@ -156,30 +168,18 @@ impl Pieces {
     }
 
     /// Returns, by pair of pieces, the opacity of the first's Gaussians in contact with the second.
-    fn contacts(
-        &self,
-        at: &HostGaussians,
-        shown: &[u32],
-        opacity: &[f64],
-    ) -> Result<BTreeMap<(usize, usize), f64>, PointsError> {
-        let rows = |values: &[f32]| -> Vec<f32> { shown.iter().flat_map(|&i| point(values, i as usize)).collect() };
-        let (means, radii) = (rows(&at.means), largest_scales(&rows(&at.log_scales))?);
-        let neighbours = Grid::adaptive(&means)?.nearest_of_each::<NEIGHBOURS>();
+    fn contacts(&self, contacts: &Contacts, opacity: &[f64]) -> BTreeMap<(usize, usize), f64> {
         let mut out: BTreeMap<(usize, usize), f64> = BTreeMap::new();
-        let mut met = Vec::with_capacity(NEIGHBOURS);
-        for (n, near) in neighbours.iter().enumerate() {
-            let Some(own) = self.labels[n] else { continue };
+        let mut met = Vec::new();
+        for (n, own) in self.labels.iter().enumerate() {
+            let Some(own) = *own else { continue };
             met.clear();
-            for other in near.iter().map(|&k| k as usize) {
-                let limit = REACH * (radii[n] + radii[other]);
-                let square: f32 = (0..3).map(|a| (means[3 * n + a] - means[3 * other + a]).powi(2)).sum();
-                met.extend(self.labels[other].filter(|piece| *piece != own && square <= limit * limit));
-            }
+            met.extend(contacts.of(n).filter_map(|k| self.labels[k]).filter(|piece| *piece != own));
             met.sort_unstable();
             met.dedup();
             met.iter().for_each(|&piece| *out.entry((own, piece)).or_default() += opacity[n]);
         }
-        Ok(out)
+        out
     }
 }
 

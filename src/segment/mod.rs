@@ -14,6 +14,7 @@ pub mod candidates;
 pub mod click;
 pub mod coarse;
 pub mod colour;
+mod contacts;
 mod depth;
 pub mod dice;
 pub mod fine;
@@ -31,6 +32,7 @@ pub mod pictures;
 pub mod pieces;
 pub mod propagate;
 pub mod segmentation;
+mod surface_layers;
 pub mod voxels;
 
 #[cfg(test)]

@@ -1,0 +1,226 @@
+//! Surface layers that are connected to the rest of their material: where two objects meet, the layer of the one runs
+//! into the body of the other, or into haze of its hue, so that the connected piece of the material is no layer.
+//!
+//! What is a layer is then told by its edge. The Gaussians of one material that are in contact with another are
+//! connected regions. A layer is thin: nearly all neighbours of its own material are in it. Where two bodies meet, their
+//! Gaussians in contact are only the side of a body, and have many neighbours behind them.
+
+use super::contacts::{Contacts, NEIGHBOURS};
+use super::pieces::Touch;
+use crate::points::PointsError;
+use crate::points::neighbours::Grid;
+use crate::points::union_find::UnionFind;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Maximum share of a layer's neighbours of its own material that are outside of it. Layers of trained scenes have 0.06
+/// to 0.22, sides of bodies 0.24 to 0.73: see the results of 2026-11-27 in `benches/results`.
+const EDGE: f64 = 0.25;
+/// This share as a fraction of that of the side which the layer covers, maximum. Layers have 0.35 to 0.47 of it.
+const EDGE_OF_COVERED: f64 = 0.6;
+/// Minimum fraction of its material, by opacity, that a layer holds: the edge of a smaller region says little.
+const SMALL: f64 = 0.02;
+/// Maximum fraction of it: more is no layer on the side of its material but the material itself, such as a small core.
+const LARGE: f64 = 0.7;
+
+/// Gives layers the material of what they cover. `labels` `[M]`, from 1, are the materials of the Gaussians whose
+/// `contacts` are given, 0 for those without one; `opacity` `[M]`.
+///
+/// # Errors
+/// If a material has too many Gaussians.
+pub(super) fn join(contacts: &Contacts, opacity: &[f64], labels: &mut [u32]) -> Result<(), PointsError> {
+    let touched: Vec<u32> = (0..labels.len()).into_par_iter().map(|n| touched(contacts, opacity, labels, n)).collect();
+    let regions = Regions::of(contacts, opacity, labels, &touched)?;
+    let mut of_material: BTreeMap<u32, f64> = BTreeMap::new();
+    labels.iter().zip(opacity).for_each(|(&label, o)| *of_material.entry(label).or_default() += o);
+    let is_layer = |region: &Region| {
+        let whole = of_material[&region.material];
+        let sized = region.weight >= SMALL * whole && region.weight <= LARGE * whole;
+        let covered = region.facing.map_or(f64::INFINITY, |facing| regions.all[facing].edge());
+        let lighter = region.weight < of_material[&region.touches];
+        sized && lighter && region.edge() <= EDGE.min(EDGE_OF_COVERED * covered)
+    };
+    let layers: Vec<bool> = regions.all.iter().map(is_layer).collect();
+    for (n, touched) in touched.into_iter().enumerate() {
+        if regions.labels[n].is_some_and(|region| layers[region]) && !regions.at_edge[n] {
+            labels[n] = touched;
+        }
+    }
+    Ok(())
+}
+
+/// Returns the other material that row `n` is most in contact with, by opacity; 0 for none.
+fn touched(contacts: &Contacts, opacity: &[f64], labels: &[u32], n: usize) -> u32 {
+    if labels[n] == 0 {
+        return 0;
+    }
+    let mut sums: BTreeMap<u32, f64> = BTreeMap::new();
+    for other in contacts.of(n).filter(|&k| labels[k] > 0 && labels[k] != labels[n]) {
+        *sums.entry(labels[other]).or_default() += opacity[other];
+    }
+    sums.into_iter().reduce(|best, next| if next.1 > best.1 { next } else { best }).map_or(0, |(material, _)| material)
+}
+
+/// A connected region of one material in contact with one other.
+struct Region {
+    material: u32,
+    /// The material that it is in contact with.
+    touches: u32,
+    /// Its total opacity.
+    weight: f64,
+    /// The opacity of the neighbours of its Gaussians that have their material: those in the region, and the others.
+    neighbours: [f64; 2],
+    /// The region of the other material that it is most in contact with, by opacity.
+    facing: Option<usize>,
+}
+
+impl Region {
+    /// Returns the share of the neighbours that is not in the region.
+    fn edge(&self) -> f64 {
+        let [inside, outside] = self.neighbours;
+        outside / (inside + outside).max(f64::MIN_POSITIVE)
+    }
+}
+
+struct Regions {
+    all: Vec<Region>,
+    /// `[M]`: the region of each Gaussian.
+    labels: Vec<Option<usize>>,
+    /// `[M]`: whether most of a Gaussian's neighbours of its material, by opacity, are not in its region: haze beside a
+    /// layer reaches into it.
+    at_edge: Vec<bool>,
+}
+
+impl Regions {
+    /// `touched` `[M]` holds the material that each Gaussian is in contact with, 0 for none.
+    fn of(contacts: &Contacts, opacity: &[f64], labels: &[u32], touched: &[u32]) -> Result<Self, PointsError> {
+        let beside = beside(contacts, labels, touched)?;
+        // of the same material by `beside`
+        let same = |n: usize, k: usize| touched[n] == touched[k];
+        let sets = UnionFind::new(labels.len());
+        beside.par_iter().for_each(|(n, near)| {
+            near.iter().filter(|&&k| same(*n, k)).for_each(|&k| sets.union(*n as u32, k as u32));
+        });
+        let mut out = Self { all: Vec::new(), labels: vec![None; labels.len()], at_edge: vec![false; labels.len()] };
+        let mut numbers: BTreeMap<u32, usize> = BTreeMap::new();
+        for (n, near) in &beside {
+            let region = *numbers.entry(sets.find(*n as u32)).or_insert(out.all.len());
+            if region == out.all.len() {
+                let (material, touches) = (labels[*n], touched[*n]);
+                out.all.push(Region { material, touches, weight: 0.0, neighbours: [0.0; 2], facing: None });
+            }
+            let mut around = [0.0; 2];
+            near.iter().for_each(|&k| around[usize::from(!same(*n, k))] += opacity[k]);
+            out.at_edge[*n] = around[1] > around[0];
+            out.labels[*n] = Some(region);
+            let region = &mut out.all[region];
+            region.weight += opacity[*n];
+            (0..2).for_each(|k| region.neighbours[k] += around[k]);
+        }
+        out.face(contacts, opacity);
+        Ok(out)
+    }
+
+    /// Finds what each region faces.
+    fn face(&mut self, contacts: &Contacts, opacity: &[f64]) {
+        let mut met: BTreeMap<(usize, usize), f64> = BTreeMap::new();
+        for (n, own) in self.labels.iter().enumerate() {
+            let Some(own) = *own else { continue };
+            let Region { material, touches, .. } = self.all[own];
+            let faces = |f: &usize| (self.all[*f].material, self.all[*f].touches) == (touches, material);
+            for k in contacts.of(n) {
+                if let Some(facing) = self.labels[k].filter(faces) {
+                    *met.entry((own, facing)).or_default() += opacity[k];
+                }
+            }
+        }
+        let mut most = vec![0.0; self.all.len()];
+        for ((own, facing), weight) in met {
+            if weight > most[own] {
+                (most[own], self.all[own].facing) = (weight, Some(facing));
+            }
+        }
+    }
+}
+
+/// Returns, for each row in contact with another material, the nearest rows of its own material that are connected to
+/// it; rows ascending.
+fn beside(contacts: &Contacts, labels: &[u32], touched: &[u32]) -> Result<Vec<(usize, Vec<usize>)>, PointsError> {
+    let mut out: Vec<(usize, Vec<usize>)> = Vec::new();
+    for material in 1..=labels.iter().copied().max().unwrap_or(0) {
+        let rows: Vec<usize> = (0..labels.len()).filter(|&n| labels[n] == material).collect();
+        let place = |n: usize| [0, 1, 2].map(|a| contacts.means[3 * n + a]);
+        let grid = Grid::adaptive(&rows.iter().flat_map(|&n| place(n)).collect::<Vec<f32>>())?;
+        let near = |(row, &n): (usize, &usize)| {
+            let found = grid.nearest(place(n), NEIGHBOURS, Some(row as u32));
+            let found = found.into_iter().map(|(k, _)| rows[k as usize]);
+            (n, found.filter(|&k| contacts.within(n, k, Touch::SEEN.reach)).collect())
+        };
+        let edge: Vec<(usize, &usize)> = rows.iter().enumerate().filter(|(_, n)| touched[**n] > 0).collect();
+        out.par_extend(edge.into_par_iter().map(near));
+    }
+    out.sort_unstable_by_key(|(n, _)| *n);
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::HostGaussians;
+    use crate::segment::balls::{add, on_threads};
+
+    /// Adds a block of Gaussians 0.1 apart, so that neighbours are in contact, and its `material` for each.
+    fn block(to: &mut (HostGaussians, Vec<u32>), from: [i32; 3], size: [i32; 3], material: u32) {
+        for place in 0..size.iter().product() {
+            let at = [place % size[0], place / size[0] % size[1], place / (size[0] * size[1])];
+            add(&mut to.0, [0, 1, 2].map(|a| 0.1 * (from[a] + at[a]) as f32), [-2.9; 3]);
+            to.1.push(material);
+        }
+    }
+
+    fn joined((at, labels): &(HostGaussians, Vec<u32>)) -> Vec<u32> {
+        let mut out = labels.clone();
+        let all: Vec<u32> = (0..at.len() as u32).collect();
+        let opacity: Vec<f64> = all.iter().map(|&i| at.opacity_of(i as usize).into()).collect();
+        join(&Contacts::among(at, &all).unwrap(), &opacity, &mut out).unwrap();
+        out
+    }
+
+    fn nothing() -> (HostGaussians, Vec<u32>) {
+        (HostGaussians { sh_stride: 1, ..HostGaussians::default() }, Vec::new())
+    }
+
+    #[test]
+    fn a_layer_connected_to_a_body_of_its_material_joins_what_it_covers() {
+        let mut scene = nothing();
+        // a body, a layer on it, and another body of the layer's material that the layer runs into; one row of it stands
+        // on the first body too
+        block(&mut scene, [0, 0, 0], [21, 20, 4], 1);
+        block(&mut scene, [0, 0, 4], [20, 20, 1], 2);
+        block(&mut scene, [20, 0, 4], [20, 20, 5], 2);
+        let found = joined(&scene);
+        let layer = 1680..2080;
+        assert!(found[layer].iter().all(|l| *l == 1), "the layer joins");
+        assert!(found[..1680].iter().all(|l| *l == 1) && found[2080..].iter().all(|l| *l == 2), "the bodies stay");
+        assert_eq!(found, on_threads(1, || joined(&scene)));
+    }
+
+    #[test]
+    fn sides_of_bodies_that_meet_stay_and_so_do_small_contacts() {
+        let mut scene = nothing();
+        block(&mut scene, [0, 0, 0], [12, 12, 6], 1);
+        block(&mut scene, [0, 0, 6], [12, 12, 6], 2);
+        // a sheet that stands on the second body touches it along one edge
+        block(&mut scene, [0, 6, 12], [12, 1, 12], 3);
+        assert_eq!(joined(&scene), scene.1);
+    }
+
+    #[test]
+    fn gaussians_without_material_stay_and_touch_nothing() {
+        let mut scene = nothing();
+        block(&mut scene, [0, 0, 0], [8, 8, 4], 1);
+        block(&mut scene, [0, 0, 4], [8, 8, 1], 0);
+        assert_eq!(joined(&scene), scene.1);
+        assert_eq!(joined(&nothing()), [0u32; 0]);
+    }
+}
