@@ -178,26 +178,34 @@ pub fn gather_moments(values: &[f32], rows: &[Row], width: usize) -> Vec<f32> {
 }
 
 /// Returns the new attributes. Halves are drawn from their parent's distribution and are 1.6 times smaller (3DGS); shares
-/// together look like their parent, see `relocate`.
+/// together look nearly like their parent, see `relocate`.
 pub fn apply(rows: &[Row], g: &HostGaussians, seed: u64, step: usize) -> HostGaussians {
     let mut out = g.map(|column| column.gather(rows.iter().map(|row| row.source())));
     relocate::share(rows, &mut out);
     let mut rng = Rng::new(seed, step as u64, Purpose::Split);
     for (j, row) in rows.iter().enumerate() {
+        let by = match row {
+            Row::Half(_) => 1.0,
+            Row::Share(_) => relocate::APART,
+            Row::Keep(_) | Row::Clone(_) => continue,
+        };
+        let offset = by * offset(&out, j, &mut rng);
+        (0..3).for_each(|k| out.means[3 * j + k] += offset[k]);
         if matches!(row, Row::Half(_)) {
-            let scales: [f32; 3] = std::array::from_fn(|k| out.log_scales[3 * j + k].exp());
-            let local = glam::Vec3::from_array(scales.map(|s| s * rng.normal()));
-            let [w, x, y, z] = std::array::from_fn(|k| out.rotations[4 * j + k]);
-            let rotation = glam::Quat::from_xyzw(x, y, z, w);
-            let rotation = if rotation.length_squared() > 1e-12 { rotation.normalize() } else { glam::Quat::IDENTITY };
-            let offset = rotation * local;
-            for k in 0..3 {
-                out.means[3 * j + k] += offset[k];
-                out.log_scales[3 * j + k] -= 1.6f32.ln();
-            }
+            out.log_scales[3 * j..][..3].iter_mut().for_each(|s| *s -= 1.6f32.ln());
         }
     }
     out
+}
+
+/// Draws an offset from the mean of Gaussian `j` by its distribution, world units.
+fn offset(g: &HostGaussians, j: usize, rng: &mut Rng) -> glam::Vec3 {
+    let scales: [f32; 3] = std::array::from_fn(|k| g.log_scales[3 * j + k].exp());
+    let local = glam::Vec3::from_array(scales.map(|s| s * rng.normal()));
+    let [w, x, y, z] = std::array::from_fn(|k| g.rotations[4 * j + k]);
+    let rotation = glam::Quat::from_xyzw(x, y, z, w);
+    let rotation = if rotation.length_squared() > 1e-12 { rotation.normalize() } else { glam::Quat::IDENTITY };
+    rotation * local
 }
 
 #[cfg(test)]
@@ -285,6 +293,16 @@ mod tests {
         }
         let rows = planned(Due { grow_to: Some(9), ..Due::default() });
         assert_eq!(rows.len(), 9);
+        // shares move apart, by less than their size; the others stay
+        let out = apply(&rows, &g, 1, 2);
+        for (j, row) in rows.iter().enumerate() {
+            let (place, before) = (&out.means[3 * j..][..3], &g.means[3 * row.source()..][..3]);
+            let moved = (0..3).map(|k| (place[k] - before[k]).abs()).fold(0.0, f32::max);
+            match row {
+                Row::Share(_) => assert!(moved > 0.0 && moved < 1.5 * out.log_scales[3 * j].exp(), "{moved}"),
+                _ => assert_eq!(moved, 0.0),
+            }
+        }
         assert_eq!(
             gather_moments(&[1.0; 6], &rows, 1).iter().filter(|m| **m == 1.0).count(),
             rows.iter().filter(|r| matches!(r, Row::Keep(_))).count()
