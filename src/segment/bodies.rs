@@ -4,7 +4,7 @@
 //!
 //! The connected pieces of each material are compared with the pieces of other materials that they touch. A surface
 //! layer touches what it covers nearly everywhere and is not connected to the rest of its material. Layers that are
-//! connected to it are told by their edge, see [`surface_layers`].
+//! connected to it are told by their edge, see `surface_layers`.
 
 use super::contacts::Contacts;
 use super::pieces::{Touch, pieces};
