@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 /// Maximum share of a layer's neighbours of its own material that are outside of it. Layers of trained scenes have 0.06
 /// to 0.22, sides of bodies 0.24 to 0.73: see the results of 2026-11-27 in `benches/results`.
 const EDGE: f64 = 0.25;
-/// This share as a fraction of that of the side which the layer covers, maximum. Layers have 0.35 to 0.47 of it.
+/// This share as a fraction of that of the side which the layer covers, maximum. Layers have 0.32 to 0.49 of it.
 const EDGE_OF_COVERED: f64 = 0.6;
 /// Minimum fraction of its material, by opacity, that a layer holds: the edge of a smaller region says little.
 const SMALL: f64 = 0.02;
