@@ -174,7 +174,7 @@ impl Pieces {
         for (n, own) in self.labels.iter().enumerate() {
             let Some(own) = *own else { continue };
             met.clear();
-            met.extend(contacts.of(n).filter_map(|k| self.labels[k]).filter(|piece| *piece != own));
+            met.extend(contacts.of(n).iter().filter_map(|&k| self.labels[k]).filter(|piece| *piece != own));
             met.sort_unstable();
             met.dedup();
             met.iter().for_each(|&piece| *out.entry((own, piece)).or_default() += opacity[n]);

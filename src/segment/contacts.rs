@@ -5,19 +5,57 @@ use crate::points::PointsError;
 use crate::points::chunks::point;
 use crate::points::components::largest_scales;
 use crate::points::neighbours::Grid;
+use rayon::prelude::*;
 
 /// Neighbours searched for contacts.
 pub(super) const NEIGHBOURS: usize = 12;
 /// Contact distance of two Gaussians, as a multiple of the sum of their largest standard deviations.
 const REACH: f32 = 1.0;
 
+/// M Gaussians that are searched for neighbours.
+pub(super) struct Neighbourhood {
+    /// Positions `[M, 3]`, world units.
+    means: Vec<f32>,
+    /// Largest standard deviations `[M]`, world units.
+    radii: Vec<f32>,
+    grid: Grid,
+}
+
+impl Neighbourhood {
+    /// Of Gaussians with these `means` `[M, 3]` and largest standard deviations `radii` `[M]`, world units.
+    ///
+    /// # Errors
+    /// If the means are not rows of three.
+    pub fn new(means: Vec<f32>, radii: Vec<f32>) -> Result<Self, PointsError> {
+        Ok(Self { grid: Grid::adaptive(&means)?, means, radii })
+    }
+
+    /// Returns those of the `count` nearest neighbours of row `n` that are within `reach` times the sum of both largest
+    /// standard deviations, from near to far; none for a row that is not finite.
+    pub fn within(&self, n: usize, count: usize, reach: f32) -> impl Iterator<Item = usize> {
+        let found = self.grid.nearest(point(&self.means, n), count, Some(n as u32)).into_iter();
+        let limit = move |k: usize| reach * (self.radii[n] + self.radii[k]);
+        found
+            .map(|(k, square)| (k as usize, square))
+            .filter(move |&(k, square)| square <= limit(k).powi(2))
+            .map(|(k, _)| k)
+    }
+
+    /// Returns the Gaussians `rows` alone.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn of(&self, rows: &[usize]) -> Result<Self, PointsError> {
+        let means = rows.iter().flat_map(|&n| point(&self.means, n)).collect();
+        Self::new(means, rows.iter().map(|&n| self.radii[n]).collect())
+    }
+}
+
 /// The contacts among M Gaussians.
 pub(super) struct Contacts {
-    /// Positions `[M, 3]`, world units.
-    pub means: Vec<f32>,
-    /// Largest standard deviations `[M]`, world units.
-    pub radii: Vec<f32>,
-    nearest: Vec<[u32; NEIGHBOURS]>,
+    /// The Gaussians.
+    pub all: Neighbourhood,
+    of: Vec<Vec<usize>>,
 }
 
 impl Contacts {
@@ -30,21 +68,14 @@ impl Contacts {
     /// If an index is not below N.
     pub fn among(at: &HostGaussians, shown: &[u32]) -> Result<Self, PointsError> {
         let rows = |values: &[f32]| -> Vec<f32> { shown.iter().flat_map(|&i| point(values, i as usize)).collect() };
-        let means = rows(&at.means);
-        let nearest = Grid::adaptive(&means)?.nearest_of_each();
-        Ok(Self { radii: largest_scales(&rows(&at.log_scales))?, means, nearest })
+        let all = Neighbourhood::new(rows(&at.means), largest_scales(&rows(&at.log_scales))?)?;
+        let of = |n: usize| all.within(n, NEIGHBOURS, REACH).collect();
+        let of = (0..shown.len()).into_par_iter().map(of).collect();
+        Ok(Self { all, of })
     }
 
     /// Returns the rows, of [`NEIGHBOURS`] at most, in contact with row `n`, from near to far.
-    pub fn of(&self, n: usize) -> impl Iterator<Item = usize> {
-        let others = self.nearest[n].iter().map(|&k| k as usize).filter(move |&k| k != n);
-        others.filter(move |&k| self.within(n, k, REACH))
-    }
-
-    /// Returns whether two rows are within `reach` times the sum of their largest standard deviations.
-    pub fn within(&self, n: usize, k: usize, reach: f32) -> bool {
-        let limit = reach * (self.radii[n] + self.radii[k]);
-        let square: f32 = (0..3).map(|a| (self.means[3 * n + a] - self.means[3 * k + a]).powi(2)).sum();
-        square <= limit * limit
+    pub fn of(&self, n: usize) -> &[usize] {
+        &self.of[n]
     }
 }

@@ -8,12 +8,11 @@
 //! Tuned on `jets`, `vortices` with two kinds of lighting, and five plumes rendered by VTK, whose shells touch: see the
 //! results of 2026-11-25 in `benches/results`.
 
+use super::contacts::Neighbourhood;
 use super::pieces::Touch;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
-use crate::points::chunks::{finite, point};
 use crate::points::components::largest_scales;
-use crate::points::neighbours::Grid;
 use crate::points::regions::{self, Edge};
 use crate::points::union_find::UnionFind;
 use kodama::{Method, linkage};
@@ -120,14 +119,10 @@ fn most_like(feature: &[f32], groups: &[[f32; FEATURES]]) -> u32 {
 
 /// The pairs of touching Gaussians, among each one and its nearest neighbours.
 fn touching(body: &HostGaussians) -> Result<Vec<(u32, u32)>, PointsError> {
-    let radii = largest_scales(&body.log_scales)?;
-    let near = Grid::adaptive(&body.means)?;
+    let all = Neighbourhood::new(body.means.clone(), largest_scales(&body.log_scales)?)?;
     let of = |i: usize| {
-        let place = point(&body.means, i);
-        let found = if finite(place) { near.nearest(place, NEIGHBOURS, Some(i as u32)) } else { Vec::new() };
-        let reach = |j: u32| Touch::SEEN.reach * (radii[i] + radii[j as usize]);
-        let touch = found.into_iter().filter(|(j, square)| *square <= reach(*j).powi(2));
-        touch.map(|(j, _)| (i as u32, j)).collect::<Vec<_>>()
+        let touch = all.within(i, NEIGHBOURS, Touch::SEEN.reach);
+        touch.map(|j| (i as u32, j as u32)).collect::<Vec<_>>()
     };
     Ok((0..body.len()).into_par_iter().map(of).collect::<Vec<_>>().concat())
 }

@@ -8,7 +8,6 @@
 use super::contacts::{Contacts, NEIGHBOURS};
 use super::pieces::Touch;
 use crate::points::PointsError;
-use crate::points::neighbours::Grid;
 use crate::points::union_find::UnionFind;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -27,7 +26,7 @@ const LARGE: f64 = 0.7;
 /// `contacts` are given, 0 for those without one; `opacity` `[M]`.
 ///
 /// # Errors
-/// If a material has too many Gaussians.
+/// As [`Contacts::among`], which has checked the same.
 pub(super) fn join(contacts: &Contacts, opacity: &[f64], labels: &mut [u32]) -> Result<(), PointsError> {
     let touched: Vec<u32> = (0..labels.len()).into_par_iter().map(|n| touched(contacts, opacity, labels, n)).collect();
     let regions = Regions::of(contacts, opacity, labels, &touched)?;
@@ -55,7 +54,7 @@ fn touched(contacts: &Contacts, opacity: &[f64], labels: &[u32], n: usize) -> u3
         return 0;
     }
     let mut sums: BTreeMap<u32, f64> = BTreeMap::new();
-    for other in contacts.of(n).filter(|&k| labels[k] > 0 && labels[k] != labels[n]) {
+    for &other in contacts.of(n).iter().filter(|&&k| labels[k] > 0 && labels[k] != labels[n]) {
         *sums.entry(labels[other]).or_default() += opacity[other];
     }
     sums.into_iter().reduce(|best, next| if next.1 > best.1 { next } else { best }).map_or(0, |(material, _)| material)
@@ -128,7 +127,7 @@ impl Regions {
             let Some(own) = *own else { continue };
             let Region { material, touches, .. } = self.all[own];
             let faces = |f: &usize| (self.all[*f].material, self.all[*f].touches) == (touches, material);
-            for k in contacts.of(n) {
+            for &k in contacts.of(n) {
                 if let Some(facing) = self.labels[k].filter(faces) {
                     *met.entry((own, facing)).or_default() += opacity[k];
                 }
@@ -149,12 +148,9 @@ fn beside(contacts: &Contacts, labels: &[u32], touched: &[u32]) -> Result<Vec<(u
     let mut out: Vec<(usize, Vec<usize>)> = Vec::new();
     for material in 1..=labels.iter().copied().max().unwrap_or(0) {
         let rows: Vec<usize> = (0..labels.len()).filter(|&n| labels[n] == material).collect();
-        let place = |n: usize| [0, 1, 2].map(|a| contacts.means[3 * n + a]);
-        let grid = Grid::adaptive(&rows.iter().flat_map(|&n| place(n)).collect::<Vec<f32>>())?;
+        let alone = contacts.all.of(&rows)?;
         let near = |(row, &n): (usize, &usize)| {
-            let found = grid.nearest(place(n), NEIGHBOURS, Some(row as u32));
-            let found = found.into_iter().map(|(k, _)| rows[k as usize]);
-            (n, found.filter(|&k| contacts.within(n, k, Touch::SEEN.reach)).collect())
+            (n, alone.within(row, NEIGHBOURS, Touch::SEEN.reach).map(|k| rows[k]).collect())
         };
         let edge: Vec<(usize, &usize)> = rows.iter().enumerate().filter(|(_, n)| touched[**n] > 0).collect();
         out.par_extend(edge.into_par_iter().map(near));

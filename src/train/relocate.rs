@@ -44,8 +44,7 @@ pub(super) fn plan(alive: &[usize], opacity: impl Fn(usize) -> f32, wanted: usiz
 }
 
 /// Sets opacity and size of each Gaussian's shares so that together, at its position, they look like it (equation 9 of the
-/// publication).
-/// `gaussians` are gathered by `rows`.
+/// publication). `gaussians` are gathered by `rows`.
 pub(super) fn share(rows: &[Row], gaussians: &mut HostGaussians) {
     let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
     for row in rows {
