@@ -9,18 +9,19 @@ use crate::data::Camera;
 use crate::model::params::to_vec;
 use crate::model::{HostGaussians, Rendering};
 use crate::name::Name;
-use crate::segment::candidates::{Candidates, Found};
+use crate::segment::candidates::{Candidates, Found, Surroundings};
 use crate::segment::click::{heaviest, under};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::AffinitySpec;
 use crate::segment::levels::prepare;
-use crate::segment::pick::{PickOptions, Picked, meant, pick};
+use crate::segment::pick::{PickError, PickOptions, Picked, meant, pick};
 use crate::segment::propagate::propagate;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
 use burn::tensor::Device;
 use glam::{DVec2, DVec3};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Number of segments whose findings are kept.
 const KNOWN: usize = 32;
@@ -63,6 +64,8 @@ pub struct Clicking {
     places: Vec<f32>,
     /// What was found out about the segments searched so far.
     known: RefCell<BTreeMap<Option<Name>, Found>>,
+    /// What was found out about the whole scene.
+    around: Arc<Surroundings>,
     device: Device,
 }
 
@@ -99,7 +102,8 @@ impl Clicking {
         };
         let (rendering, device) = (run.scene.spec.rendering(), device.clone());
         let (segments, field) = (segments.clone(), field.cloned());
-        Self { at, rendering, time, segments, field, places, known: RefCell::default(), device }
+        let (known, around) = (RefCell::default(), Arc::default());
+        Self { at, rendering, time, segments, field, places, known, around, device }
     }
 
     /// Returns this with the findings of `before` that hold at any time. `before` must have the same segments and
@@ -118,7 +122,8 @@ impl Clicking {
             let known = self.known.borrow_mut().remove(&name).unwrap_or_default();
             let of = Candidates::new(field, &spec.frame, &self.places, &self.at, members)
                 .of_segment(name.is_some())
-                .with_found(known);
+                .with_found(known)
+                .with_surroundings(self.around.clone());
             if prepare(&of).is_ok() {
                 self.known.borrow_mut().insert(name, of.into_found());
             }
@@ -180,14 +185,18 @@ impl Clicking {
         let known = self.known.borrow_mut().remove(&hit.within).unwrap_or_default();
         let of = Candidates::new(field, &spec.frame, &self.places, &self.at, &candidates)
             .of_segment(hit.within.is_some())
-            .with_found(known);
+            .with_found(known)
+            .with_surroundings(self.around.clone());
         let picked = pick(&of, hit.gaussian, options);
         let mut known = self.known.borrow_mut();
         if known.len() >= KNOWN {
             known.clear();
         }
         known.insert(hit.within.clone(), of.into_found());
-        Ok(picked.map_err(RunError::failure)?)
+        Ok(picked.map_err(|e| match e {
+            PickError::NoLevel { .. } => RunError::input(e),
+            other => RunError::failure(other),
+        })?)
     }
 }
 
@@ -225,10 +234,11 @@ pub struct Made {
     pub from_other_times: usize,
 }
 
-/// Creates a segment `name` from what a click at `time` selected, propagated to the other times, see [`propagate`].
+/// Creates a segment `name` from what a click at `time` selected, propagated to the other times, see [`propagate`]. It
+/// becomes a part of the segment that was searched if that still holds all of it.
 ///
 /// # Errors
-/// If nothing was selected, the name is taken, or the segment that was searched no longer exists.
+/// If nothing was selected, or the name is taken.
 pub fn commit(
     run: &OpenRun,
     segments: &mut RunSegments,
@@ -245,17 +255,17 @@ pub fn commit(
         )));
     }
     let mut all = segments.now().clone();
-    let within = match &hit.within {
-        Some(whole) => all.get(whole).map_err(RunError::input)?.members.clone(),
-        None => (0..run.scene.gaussians.count() as u32).collect(),
-    };
+    let whole = hit.within.as_ref().and_then(|whole| all.get(whole).ok());
+    let whole = whole.filter(|whole| members.iter().all(|i| whole.members.binary_search(i).is_ok()));
+    let parent = whole.map(|whole| whole.name.clone());
+    let within = whole.map_or_else(|| (0..run.scene.gaussians.count() as u32).collect(), |whole| whole.members.clone());
     let members = propagate(&run.scene, members, &within, time).map_err(RunError::failure)?;
     let from_other_times = members.iter().filter(|i| picked.members.binary_search(i).is_err()).count();
     let made = Made { gaussians: members.len(), from_other_times };
     let colour = all.free_colour();
     let origin = Origin::Pick { scale: *scale, threshold: *threshold };
-    let (segment, parent) = (name.clone(), hit.within.clone());
-    all.add(Segment { name: segment, parent, colour, time, origin, members }).map_err(RunError::input)?;
+    let segment = Segment { name: name.clone(), parent, colour, time, origin, members };
+    all.add(segment).map_err(RunError::input)?;
     segments.change(format!("pick {name}"), all.segments);
     Ok(made)
 }

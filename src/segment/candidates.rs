@@ -14,7 +14,7 @@ use crate::points::components::Components;
 use rayon::prelude::*;
 use std::cell::{OnceCell, RefCell};
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use volseggs_kernels::activation::sigmoid_f64;
 use volseggs_kernels::contrast::FEATURES;
 
@@ -43,6 +43,14 @@ impl Found {
     }
 }
 
+/// Cached results about all Gaussians at one time, whatever is searched, see [`Candidates::with_surroundings`].
+#[derive(Debug, Default)]
+pub struct Surroundings {
+    pieces: OnceLock<Components>,
+    /// Sum over all Gaussians of what they show, see [`Candidates::shown`].
+    shown: OnceLock<f64>,
+}
+
 /// The Gaussians that a click may select.
 #[derive(Debug)]
 pub struct Candidates<'a> {
@@ -57,6 +65,7 @@ pub struct Candidates<'a> {
     /// Whether they are the whole scene, where objects touch each other, so that connected pieces are no levels.
     pub whole: bool,
     found: Found,
+    around: Arc<Surroundings>,
 }
 
 impl<'a> Candidates<'a> {
@@ -72,7 +81,8 @@ impl<'a> Candidates<'a> {
         at: &'a HostGaussians,
         within: &'a [u32],
     ) -> Self {
-        Self { field, frame, places, at, within, whole: within.len() == at.len(), found: Found::default() }
+        let whole = within.len() == at.len();
+        Self { field, frame, places, at, within, whole, found: Found::default(), around: Arc::default() }
     }
 
     /// Sets whether the candidates are a segment, which may hold every Gaussian, or the whole scene.
@@ -86,6 +96,13 @@ impl<'a> Candidates<'a> {
     #[must_use]
     pub fn with_found(mut self, found: Found) -> Self {
         self.found = found;
+        self
+    }
+
+    /// Shares the results about all Gaussians with other candidates among the same Gaussians `at`.
+    #[must_use]
+    pub fn with_surroundings(mut self, around: Arc<Surroundings>) -> Self {
+        self.around = around;
         self
     }
 
@@ -142,6 +159,27 @@ impl<'a> Candidates<'a> {
         Ok(self.found.pieces.get_or_init(|| pieces))
     }
 
+    /// Returns all Gaussians, candidates or not, ascending, that are visible and connected with the Gaussian `clicked`;
+    /// none if that is not visible.
+    ///
+    /// # Errors
+    /// If the arrays of `at` disagree, or points are too far apart.
+    pub fn connected(&self, clicked: u32) -> Result<Vec<u32>, PointsError> {
+        if self.around.pieces.get().is_none() {
+            let all: Vec<u32> = (0..self.at.len() as u32).collect();
+            let _ = self.around.pieces.set(pieces(self.at, &all, Touch::SEEN)?);
+        }
+        let labels = self.around.pieces.get().map_or(&[][..], |pieces| &pieces.labels);
+        let own = labels.get(clicked as usize).copied().filter(|label| *label > 0);
+        Ok((0..).zip(labels).filter(|(_, label)| Some(**label) == own).map(|(i, _)| i).collect())
+    }
+
+    /// Returns the fraction of what all Gaussians show, in [0, 1], that Gaussians which show `weight` in all are.
+    pub fn share(&self, weight: f64) -> f64 {
+        let all = self.around.shown.get_or_init(|| total((0..self.at.len()).map(|i| shown(self.at, i))));
+        (weight / all).min(1.0)
+    }
+
     /// Returns for each of the Gaussians `members` of the piece `piece` the label, from 1, of its object among the
     /// [`objects()`] that the affinity distinguishes or, if there is only one, of its part between [`necks`].
     ///
@@ -191,7 +229,16 @@ impl<'a> Candidates<'a> {
     }
 }
 
-fn shown(at: &HostGaussians, i: usize) -> f64 {
+/// Returns the sum of what Gaussians show, never 0.
+pub(super) fn total(shown: impl Iterator<Item = f64>) -> f64 {
+    shown.sum::<f64>().max(f64::MIN_POSITIVE)
+}
+
+/// What the Gaussian `i` shows, see [`Candidates::shown`].
+///
+/// # Panics
+/// If `i` is not below N.
+pub(super) fn shown(at: &HostGaussians, i: usize) -> f64 {
     let mut scales: [f64; 3] = std::array::from_fn(|k| f64::from(at.log_scales[3 * i + k]).exp());
     scales.sort_by(f64::total_cmp);
     let opacity = sigmoid_f64(at.opacity_logits[i].into());

@@ -1,5 +1,8 @@
 //! The levels of parts and wholes at a click, and the likeliest one; no ground-truth label is used.
 //!
+//! Three levels are known without the affinity: the connected piece of the segment at the click, the whole segment, such
+//! as all of one colour, and everything that is connected with the click, of any colour.
+//!
 //! Within a segment, such as a colour, the likeliest level is its connected piece that contains the clicked Gaussian: a
 //! connected piece of one colour is mostly one object, unless the affinity separates objects that touch (see
 //! [`super::objects`]) or the piece has a neck (see [`super::necks`]). Then the clicked part is the likeliest, and the
@@ -10,8 +13,9 @@
 //! is a level. Plateaus are sought at several mask scales, so neither the scale nor the cosine is a number tuned to one
 //! scene. (Levels of a component tree are chosen in the same way in images: maximally stable extremal regions.)
 
-use super::candidates::Candidates;
+use super::candidates::{Candidates, shown, total};
 use super::pick::PickError;
+use serde::Serialize;
 
 /// Mask scales at which plateaus are sought.
 const SCALES: [f32; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
@@ -37,26 +41,61 @@ const PIECES: usize = 8;
 /// Such a piece must hold at least one in this many of the candidates.
 const SMALL: usize = 50;
 
+/// What makes Gaussians one level.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// Their affinity with the clicked one.
+    #[default]
+    Similar,
+    /// They are the clicked part of the connected piece, where that has several.
+    Part,
+    /// They are the connected piece of the searched segment at the click.
+    Piece,
+    /// They are the searched segment.
+    Segment,
+    /// They are connected with the clicked one, whatever segments they are in.
+    Object,
+}
+
+impl Kind {
+    /// The kinds that need no affinity, from parts to wholes.
+    pub const SPATIAL: [Self; 4] = [Self::Part, Self::Piece, Self::Segment, Self::Object];
+
+    /// The word for it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Similar => "similar",
+            Self::Part => "part",
+            Self::Piece => "piece",
+            Self::Segment => "segment",
+            Self::Object => "object",
+        }
+    }
+}
+
 /// A part or whole that a click can mean.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Level {
-    /// Mask scale in [0, 1].
+    /// What makes its Gaussians one.
+    pub kind: Kind,
+    /// Mask scale in [0, 1]; 1 unless it is [`Kind::Similar`].
     pub scale: f32,
-    /// Minimum cosine with the clicked Gaussian; -1 if there is none.
+    /// Minimum cosine with the clicked Gaussian; -1 unless it is [`Kind::Similar`].
     pub threshold: f32,
-    /// Whether it is the connected piece at the click, or the part of it that is one object, regardless of the cosine.
-    pub piece: bool,
-    /// Fraction of its weight, in (0, 1], that remains if the cosine rises by 0.05.
+    /// Fraction of its weight, in (0, 1], that remains if the cosine rises by 0.05; 1 unless it is [`Kind::Similar`].
     pub stability: f64,
-    /// Its fraction of the candidates' total weight, in (0, 1].
+    /// Its fraction of what the whole scene shows, in [0, 1].
     pub share: f64,
     /// Its Gaussians, ascending.
     pub members: Vec<u32>,
 }
 
 /// Returns the levels at a click on the Gaussian `clicked`, from small to large, and the position of the likeliest.
-/// There is at least one; unless the candidates are the whole scene, the piece at the click is among them, and so is
-/// the clicked part of it if it has several. Gaussians are weighted by [`Candidates::shown`].
+/// There is at least one. Unless the candidates are the whole scene, the segment is among them, the piece at the click,
+/// and the clicked part of that if it has several; and everything connected with the click, which may be no candidates.
+/// Gaussians are weighted by [`Candidates::shown`].
 ///
 /// # Errors
 /// If `clicked` is not among the candidates, or the arrays of the Gaussians disagree.
@@ -64,19 +103,27 @@ pub struct Level {
 /// # Panics
 /// If an index of a candidate is not below N.
 pub fn levels(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), PickError> {
-    let mut found = of_affinity(of, clicked)?;
+    let (mut found, best) = of_affinity(of, clicked)?;
     let spatial = in_space(of, clicked)?;
-    if spatial.is_empty() {
-        let likeliest = most_likely(&found);
-        return Ok((found, likeliest));
+    let wholes = wholes(of, clicked)?;
+    let likeliest = match spatial.first() {
+        Some(level) => {
+            found.retain(|l| spatial.iter().chain(&wholes).all(|s| overlap(&l.members, &s.members) < ALIKE));
+            level.kind
+        }
+        None => Kind::Similar,
+    };
+    let mut at = if likeliest == Kind::Similar { best } else { 0 };
+    for level in spatial.into_iter().chain(wholes) {
+        let place = found.partition_point(|l| l.members.len() <= level.members.len());
+        if level.kind == likeliest {
+            at = place;
+        } else if place <= at {
+            at += 1;
+        }
+        found.insert(place, level);
     }
-    found.retain(|l| spatial.iter().all(|s| overlap(&l.members, &s.members) < ALIKE));
-    let mut likeliest = 0;
-    for level in spatial.into_iter().rev() {
-        likeliest = found.partition_point(|l| l.members.len() < level.members.len());
-        found.insert(likeliest, level);
-    }
-    Ok((found, likeliest))
+    Ok((found, at))
 }
 
 /// Returns the likeliest of the [`levels`], without computing the others where it is the piece or a part of it.
@@ -90,8 +137,8 @@ pub fn likeliest(of: &Candidates<'_>, clicked: u32) -> Result<Level, PickError> 
     if let Some(level) = in_space(of, clicked)?.into_iter().next() {
         return Ok(level);
     }
-    let mut found = of_affinity(of, clicked)?;
-    Ok(found.swap_remove(most_likely(&found)))
+    let (mut found, best) = of_affinity(of, clicked)?;
+    Ok(found.swap_remove(best))
 }
 
 /// Computes in advance what a click on any candidate needs, so that it is answered at once: the features, and the parts
@@ -117,11 +164,11 @@ pub fn prepare(of: &Candidates<'_>) -> Result<(), PickError> {
     Ok(())
 }
 
-/// Returns the plateaus of the affinity, from small to large; at least one.
-fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
+/// Returns the plateaus of the affinity, from small to large, at least one, and the position of the likeliest.
+fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), PickError> {
     let (within, position) = (of.within, of.position(clicked)?);
     let weights = of.shown();
-    let total: f64 = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+    let total = total(weights.iter().copied());
     let mut found: Vec<Level> = Vec::new();
     for scale in SCALES {
         let cosines = of.cosines(position, scale);
@@ -130,8 +177,9 @@ fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickErro
             let threshold = cosine(k);
             let like = |(n, _): &(usize, &u32)| cosines[*n] >= threshold || *n == position;
             let members: Vec<u32> = within.iter().enumerate().filter(like).map(|(_, &i)| i).collect();
-            let level =
-                Level { scale, threshold, piece: false, stability, share: (sizes[k] / total).min(1.0), members };
+            // of the candidates, by which the likeliest is found
+            let share = (sizes[k] / total).min(1.0);
+            let level = Level { kind: Kind::Similar, scale, threshold, stability, share, members };
             match found.iter_mut().find(|l| overlap(&l.members, &level.members) >= ALIKE) {
                 Some(same) if same.stability < level.stability => *same = level,
                 Some(_) => {}
@@ -140,7 +188,23 @@ fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickErro
         }
     }
     found.sort_by(|a, b| a.members.len().cmp(&b.members.len()).then(a.scale.total_cmp(&b.scale)));
-    Ok(found)
+    let best = most_likely(&found);
+    found.iter_mut().for_each(|level| level.share = of.share(level.share * total));
+    Ok((found, best))
+}
+
+/// Returns a level that needs no affinity.
+fn level_of(of: &Candidates<'_>, kind: Kind, members: Vec<u32>) -> Level {
+    let share = of.share(members.iter().map(|&i| shown(of.at, i as usize)).sum());
+    Level { kind, scale: 1.0, threshold: -1.0, stability: 1.0, share, members }
+}
+
+/// Returns the levels that are more than the piece: the segment, unless the whole scene is searched, and what is connected
+/// with the click.
+fn wholes(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
+    let segment = Some(of.within.to_vec()).filter(|_| !of.whole).map(|all| (Kind::Segment, all));
+    let object = Some(of.connected(clicked)?).filter(|all| !all.is_empty()).map(|all| (Kind::Object, all));
+    Ok(segment.into_iter().chain(object).map(|(kind, members)| level_of(of, kind, members)).collect())
 }
 
 /// Returns the spatial levels at a click: the clicked part of the piece if it has several, then the piece; none in a
@@ -155,19 +219,12 @@ fn in_space(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> 
     if mine == 0 {
         return Ok(Vec::new());
     }
-    let weights = of.shown();
-    let all = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-    let level = |rows: &[usize]| {
-        let share = (rows.iter().map(|&n| weights[n]).sum::<f64>() / all).min(1.0);
-        let members = rows.iter().map(|&n| of.within[n]).collect();
-        Level { scale: 1.0, threshold: -1.0, piece: true, stability: 1.0, share, members }
-    };
-    let rows: Vec<usize> = (0..labels.len()).filter(|&n| labels[n] == mine).collect();
-    let piece = level(&rows);
-    let parts = of.parts(mine, &piece.members)?;
-    let own = rows.binary_search(&position).map_or(1, |k| parts[k]);
-    let part: Vec<usize> = rows.iter().zip(parts.iter()).filter(|(_, p)| **p == own).map(|(&n, _)| n).collect();
-    Ok(if part.len() < rows.len() { vec![level(&part), piece] } else { vec![piece] })
+    let piece: Vec<u32> = of.within.iter().zip(labels).filter(|(_, label)| **label == mine).map(|(&i, _)| i).collect();
+    let parts = of.parts(mine, &piece)?;
+    let own = piece.binary_search(&clicked).map_or(1, |k| parts[k]);
+    let part: Vec<u32> = piece.iter().zip(parts.iter()).filter(|(_, p)| **p == own).map(|(&i, _)| i).collect();
+    let part = Some(part).filter(|part| part.len() < piece.len()).map(|part| level_of(of, Kind::Part, part));
+    Ok(part.into_iter().chain([level_of(of, Kind::Piece, piece)]).collect())
 }
 
 fn cosine(k: usize) -> f32 {

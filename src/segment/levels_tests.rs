@@ -43,7 +43,11 @@ fn a_click_on_a_ball_selects_it_and_pick_uses_the_same_levels() {
     // in a segment that holds the first ball and half of the second, the piece is the first ball
     let most = &all[..COUNT + COUNT / 2];
     let (found, likeliest) = levels(&of(most), 31).unwrap();
-    assert!(found[likeliest].piece && overlap(&found[likeliest].members, balls[0]) > 0.95, "{:?}", found[likeliest]);
+    assert!(
+        found[likeliest].kind == Kind::Piece && overlap(&found[likeliest].members, balls[0]) > 0.95,
+        "{:?}",
+        found[likeliest]
+    );
     let options = PickOptions { meaning: Meaning::Likeliest, keep_strays: true, list: true };
     let picked = pick(&of(most), 31, &options).unwrap();
     assert_eq!((picked.level, &picked.members), (Some(likeliest), &found[likeliest].members));
@@ -63,8 +67,11 @@ fn a_click_on_one_of_two_touching_beads_selects_it_and_a_higher_level_has_both()
         let own: Vec<u32> = within.iter().copied().filter(|&i| bead_of[i as usize] == bead).collect();
         let clicked = own[own.len() / 2];
         let (found, n) = levels(&of, clicked).unwrap();
-        assert!(found[n].piece && overlap(&found[n].members, &own) > 0.9, "{bead}");
-        assert!(found[n + 1..].iter().any(|l| l.piece && l.members == within), "both together are a level too");
+        assert!(found[n].kind == Kind::Part && overlap(&found[n].members, &own) > 0.9, "{bead}");
+        assert!(
+            found[n + 1..].iter().any(|l| l.kind == Kind::Piece && l.members == within),
+            "both together are a level too"
+        );
         assert_eq!(likeliest(&of, clicked).unwrap(), found[n]);
     }
 }
@@ -77,9 +84,40 @@ fn a_segment_of_all_gaussians_has_pieces_and_the_whole_scene_has_none() {
     let all: Vec<u32> = (0..at.len() as u32).collect();
     let of = |segment| Candidates::new(&field, &frame, &at.means, &at, &all).of_segment(segment);
     let (found, n) = levels(&of(true), 31).unwrap();
-    assert!(found[n].piece && likeliest(&of(true), 31).unwrap() == found[n]);
-    assert!(found.iter().any(|l| l.piece && overlap(&l.members, &all[..COUNT]) > 0.9), "the clicked ball");
-    assert!(levels(&of(false), 31).unwrap().0.iter().all(|l| !l.piece));
+    assert!(found[n].kind == Kind::Piece && likeliest(&of(true), 31).unwrap() == found[n]);
+    assert!(
+        found.iter().any(|l| l.kind == Kind::Piece && overlap(&l.members, &all[..COUNT]) > 0.9),
+        "the clicked ball"
+    );
+    assert!(levels(&of(false), 31).unwrap().0.iter().all(|l| matches!(l.kind, Kind::Similar | Kind::Object)));
+}
+
+#[test]
+fn the_whole_segment_and_all_that_is_connected_are_levels_too() {
+    let device = DeviceName::all()[0].open().unwrap();
+    // two balls that touch, of two colours, and a third, of the first colour, far away
+    let (at, ball_of) = surfaces(&[(-0.97, 1.0), (0.97, 1.0), (9.0, 0.5)]);
+    let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
+    let balls = |wanted: &[usize]| -> Vec<u32> {
+        (0..at.len() as u32).filter(|&i| wanted.contains(&(ball_of[i as usize] as usize))).collect()
+    };
+    let within = balls(&[0, 2]);
+    let of = Candidates::new(&field, &frame, &at.means, &at, &within);
+    let clicked = balls(&[0])[7];
+    let take = |meaning| pick(&of, clicked, &PickOptions { meaning, ..PickOptions::default() });
+    for (kind, expected) in [(Kind::Piece, vec![0]), (Kind::Segment, vec![0, 2]), (Kind::Object, vec![0, 1])] {
+        let picked = take(Meaning::Kind(kind)).unwrap();
+        assert_eq!((picked.kind, picked.members), (kind, balls(&expected)));
+    }
+    let likeliest = take(Meaning::Likeliest).unwrap();
+    assert_eq!((likeliest.kind, likeliest.members), (Kind::Piece, balls(&[0])));
+    let (found, n) = levels(&of, clicked).unwrap();
+    assert_eq!(found[n].kind, Kind::Piece);
+    assert!(found.is_sorted_by_key(|l| l.members.len()));
+    let shown = |kind| found.iter().find(|l| l.kind == kind).unwrap().share;
+    assert!(shown(Kind::Object) > shown(Kind::Segment) && shown(Kind::Segment) > shown(Kind::Piece), "in the scene");
+    let error = take(Meaning::Kind(Kind::Part)).unwrap_err().to_string();
+    assert!(error.contains("no part") && error.contains("piece, segment, object"), "{error}");
 }
 
 #[test]

@@ -6,7 +6,7 @@
 use super::baselines::saga::SagaModel;
 use super::candidates::Candidates;
 use super::click::heaviest;
-use super::levels::{Level, levels, likeliest};
+use super::levels::{Kind, Level, levels, likeliest};
 use super::pieces::without_strays;
 use super::voxels::VoxelError;
 use crate::points::PointsError;
@@ -20,6 +20,8 @@ pub enum Meaning {
     Likeliest,
     /// The level at this index, from 0, the smallest; the largest if there are fewer.
     Level(usize),
+    /// The level of this kind, the largest of several.
+    Kind(Kind),
     /// Set by the user.
     By {
         /// Mask scale in [0, 1], from small parts to large ones.
@@ -54,8 +56,8 @@ pub struct Picked {
     pub scale: f32,
     /// The threshold that was used.
     pub threshold: f32,
-    /// Whether it is the connected piece around the click, or a part of it, regardless of affinity.
-    pub piece: bool,
+    /// What makes the members one.
+    pub kind: Kind,
     /// The available levels, from small to large, if they were computed.
     pub levels: Vec<Level>,
     /// Index of the level that was used.
@@ -65,8 +67,8 @@ pub struct Picked {
 impl From<Level> for Picked {
     /// The level alone, including its strays.
     fn from(level: Level) -> Self {
-        let Level { members, scale, threshold, piece, .. } = level;
-        Self { members, scale, threshold, piece, levels: Vec::new(), level: None }
+        let Level { members, scale, threshold, kind, .. } = level;
+        Self { members, scale, threshold, kind, levels: Vec::new(), level: None }
     }
 }
 
@@ -81,12 +83,27 @@ pub enum PickError {
         /// Number of candidates.
         count: usize,
     },
+    /// There is no level of a kind.
+    #[error("there is no {} at this click, only {}", .kind.name(), words(.has))]
+    NoLevel {
+        /// The kind.
+        kind: Kind,
+        /// Those that there are, from small to large.
+        has: Vec<Kind>,
+    },
     /// The connected pieces cannot be found.
     #[error(transparent)]
     Points(#[from] PointsError),
     /// The parts of a piece cannot be found.
     #[error(transparent)]
     Parts(#[from] VoxelError),
+}
+
+/// Each of `kinds` once.
+fn words(kinds: &[Kind]) -> String {
+    let mut words: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
+    words.dedup();
+    words.join(", ")
 }
 
 /// Returns the Gaussian that a click on a pixel means, `None` if the pixel is empty. `under` holds the Gaussians of the
@@ -111,7 +128,7 @@ pub fn meant(under: &[(u32, f32)], segment: impl Fn(u32) -> Option<u32>) -> Opti
 /// Selects the candidates that a click on the Gaussian `clicked` means.
 ///
 /// # Errors
-/// If it is not among them, or the arrays of the Gaussians disagree.
+/// If it is not among them, there is no level of the requested kind, or the arrays of the Gaussians disagree.
 ///
 /// # Panics
 /// If an index of a candidate is not below N.
@@ -128,15 +145,23 @@ pub fn pick(of: &Candidates<'_>, clicked: u32, options: &PickOptions) -> Result<
             Picked { levels: found, ..by_hand((scale, threshold)) }
         }
         Meaning::Likeliest if !options.list => likeliest(of, clicked)?.into(),
-        Meaning::Likeliest | Meaning::Level(_) => {
+        Meaning::Likeliest | Meaning::Level(_) | Meaning::Kind(_) => {
             let (found, likeliest) = levels(of, clicked)?;
-            let level = if let Meaning::Level(n) = options.meaning { n.min(found.len() - 1) } else { likeliest };
+            let level = match options.meaning {
+                Meaning::Level(n) => n.min(found.len() - 1),
+                Meaning::Kind(kind) => {
+                    let has = || found.iter().map(|level| level.kind).collect();
+                    let place = found.iter().rposition(|level| level.kind == kind);
+                    place.ok_or_else(|| PickError::NoLevel { kind, has: has() })?
+                }
+                _ => likeliest,
+            };
             let taken = Picked::from(found[level].clone());
             Picked { levels: found, level: Some(level), ..taken }
         }
     };
-    // a piece has no strays
-    if !options.keep_strays && !picked.piece {
+    // only the affinity can select what does not touch the rest by mistake
+    if !options.keep_strays && picked.kind == Kind::Similar {
         picked.members = without_strays(of.at, &picked.members, Some(clicked))?;
     }
     Ok(picked)

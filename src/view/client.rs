@@ -5,7 +5,7 @@ use super::compare::{Compare, Side};
 use super::gizmo::Preview;
 use super::hub::Outgoing;
 use super::pace::Pace;
-use super::protocol::{Answer, Asked, Combine, Selected, View};
+use super::protocol::{Answer, Asked, Combine, LevelOffer, Selected, View};
 use super::workspace::Workspace;
 use crate::name::Name;
 use crate::run::RunError;
@@ -297,7 +297,7 @@ impl Client {
             gaussians: picked.members.len(),
             scale: picked.scale,
             threshold: picked.threshold,
-            levels: picked.levels.iter().map(|l| l.share).collect(),
+            levels: picked.levels.iter().map(|l| LevelOffer { kind: l.kind, share: l.share }).collect(),
             level: picked.level.map(|n| n + 1),
             ms: 1e3 * started.elapsed().as_secs_f64(),
         };

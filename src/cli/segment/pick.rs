@@ -10,7 +10,7 @@ use crate::run::cameras::check_lens;
 use crate::run::pick::{ClickError, Clicking, Hit, commit};
 use crate::run::segments::RunSegments;
 use crate::run::{OpenRun, affinity};
-use crate::segment::levels::Level;
+use crate::segment::levels::{Kind, Level};
 use crate::segment::pick::{Meaning, PickOptions};
 use clap::Args;
 use serde::Serialize;
@@ -39,13 +39,14 @@ pub struct PickArgs {
     /// Search only this segment, as if the others were hidden; if not given, the clicked colour.
     #[arg(long, value_name = "SEGMENT")]
     within: Option<String>,
-    /// Show the levels at the click, from small parts to large wholes: sets that stay the same while the cosine
-    /// changes.
+    /// Show the levels at the click, from small parts to large wholes, see --level.
     #[arg(long)]
     levels: bool,
-    /// Use this level, from 1, the smallest; the likeliest if not given.
-    #[arg(long, value_name = "N", value_parser = count, conflicts_with_all = ["scale", "threshold"])]
-    level: Option<usize>,
+    /// Use this level, the likeliest if not given: its number, from 1, the smallest, or `piece` (the connected piece of the
+    /// segment at the click), `part` (the clicked part of a piece that has several), `segment` (all of it), `object`
+    /// (everything connected with the click, of any segment).
+    #[arg(long, value_name = "N|KIND", value_parser = level, conflicts_with_all = ["scale", "threshold"])]
+    level: Option<Meaning>,
     /// Mask scale in [0, 1], from small parts to large ones, instead of a level.
     #[arg(long, value_parser = fraction_f32)]
     scale: Option<f32>,
@@ -86,15 +87,15 @@ struct Report {
 /// A level at the click.
 #[derive(Serialize)]
 struct Shown {
-    /// Mask scale in [0, 1].
-    scale: f32,
-    /// Minimum cosine of a member.
-    threshold: f32,
-    /// Whether it is the connected piece at the click, or a part of it, regardless of the cosine.
-    piece: bool,
-    /// Fraction, in (0, 1], that remains if the cosine rises by 0.05.
-    stability: f64,
-    /// Its fraction of what is searched, weighted by visibility, in (0, 1].
+    /// What makes its Gaussians one.
+    kind: Kind,
+    /// Mask scale in [0, 1], if it is the affinity.
+    scale: Option<f32>,
+    /// Minimum cosine of a member, if it is the affinity.
+    threshold: Option<f32>,
+    /// Fraction, in (0, 1], that remains if the cosine rises by 0.05, if it is the affinity.
+    stability: Option<f64>,
+    /// Its fraction of what the whole scene shows, in [0, 1].
     share: f64,
     /// Number of Gaussians, including strays.
     gaussians: usize,
@@ -102,9 +103,27 @@ struct Shown {
 
 impl Shown {
     fn of(level: &Level) -> Self {
-        let Level { scale, threshold, piece, stability, share, .. } = *level;
-        Self { scale, threshold, piece, stability, share, gaussians: level.members.len() }
+        let Level { kind, share, .. } = *level;
+        let similar = kind == Kind::Similar;
+        Self {
+            kind,
+            scale: similar.then_some(level.scale),
+            threshold: similar.then_some(level.threshold),
+            stability: similar.then_some(level.stability),
+            share,
+            gaussians: level.members.len(),
+        }
     }
+}
+
+/// Parses the number of a level, from 1, or its kind.
+fn level(text: &str) -> Result<Meaning, String> {
+    let kind = Kind::SPATIAL.into_iter().find(|kind| kind.name() == text);
+    let number = || count(text).map(|n| Meaning::Level(n - 1));
+    kind.map(Meaning::Kind).map_or_else(number, Ok).map_err(|_| {
+        let names = Kind::SPATIAL.map(Kind::name).join(", ");
+        format!("expected a whole number, at least 1, or one of {names}")
+    })
 }
 
 impl PickArgs {
@@ -112,7 +131,7 @@ impl PickArgs {
     fn meaning(&self) -> Meaning {
         let (scale, threshold) = Meaning::BY_HAND;
         match (self.level, self.scale, self.threshold) {
-            (Some(n), _, _) => Meaning::Level(n - 1),
+            (Some(level), _, _) => level,
             (None, None, None) => Meaning::Likeliest,
             (None, s, t) => Meaning::By { scale: s.unwrap_or(scale), threshold: t.unwrap_or(threshold) },
         }
@@ -171,10 +190,13 @@ impl PickArgs {
         if wants {
             let (meaning, keep_strays, list) = (self.meaning(), self.keep_strays, self.levels);
             let found = clicking.select(&hit, &PickOptions { meaning, keep_strays, list }).map_err(click)?;
-            if let Some(n) = self.level.filter(|n| *n > found.levels.len()) {
-                let count = found.levels.len();
+            let count = found.levels.len();
+            if let Some(Meaning::Level(n)) =
+                self.level.filter(|level| matches!(level, Meaning::Level(n) if *n >= count))
+            {
                 return Err(CliError::input(format!(
-                    "--level {n}: there are {count} levels at this click; list them with --levels"
+                    "--level {}: there are {count} levels at this click; list them with --levels",
+                    n + 1
                 )));
             }
             picked = Some(found);
@@ -207,8 +229,10 @@ impl PickArgs {
         if let (Some((name, count)), Some(picked)) = (&report.made, &picked) {
             let level = report.level.map_or(String::new(), |n| format!("level {n} of {}, ", report.levels.len()));
             let (scale, threshold) = (picked.scale, picked.threshold);
-            let by =
-                if picked.piece { "in one piece".into() } else { format!("scale {scale:.2}, cosine {threshold:.3}") };
+            let by = match picked.kind {
+                Kind::Similar => format!("scale {scale:.2}, cosine {threshold:.3}"),
+                kind => kind.name().to_owned(),
+            };
             let (click, carry) = (1e3 * report.seconds, 1e3 * report.carry_seconds);
             let others = report.from_other_times;
             outln!(
@@ -231,11 +255,16 @@ impl PickArgs {
 
 /// Prints the levels, one line each.
 fn show(report: &Report) {
-    outln!("level  Gaussians   share  stability  scale  cosine");
+    outln!("level  kind     Gaussians  of the scene  scale  cosine  stability");
     for (n, l) in (1..).zip(&report.levels) {
         let mark = if report.level == Some(n) { "  <- used" } else { "" };
-        let [share, stability] = [l.share, l.stability].map(|v| format!("{:.0} %", 100.0 * v));
-        let by = if l.piece { "in one piece".into() } else { format!("{:>5.2}  {:>6.2}", l.scale, l.threshold) };
-        outln!("{n:>5}  {:>9}  {share:>6}  {stability:>9}  {by:<13}{mark}", l.gaussians);
+        let share = format!("{:.1} %", 100.0 * l.share);
+        let by = match (l.scale, l.threshold, l.stability) {
+            (Some(scale), Some(cosine), Some(stability)) => {
+                format!("{scale:>5.2}  {cosine:>6.2}  {:>7.0} %", 100.0 * stability)
+            }
+            _ => String::new(),
+        };
+        outln!("{n:>5}  {:<7}  {:>9}  {share:>12}  {by:<24}{mark}", l.kind.name(), l.gaussians);
     }
 }

@@ -102,6 +102,7 @@ impl fmt::Display for Setting {
             Self::Field(p) => match p.meaning {
                 Meaning::Likeliest => f.write_str("the likeliest level"),
                 Meaning::Level(level) => write!(f, "level {}", level + 1),
+                Meaning::Kind(kind) => write!(f, "level {}", kind.name()),
                 Meaning::By { scale, threshold } => write!(f, "scale {scale}, cosine {threshold}"),
             },
             Self::Saga(p) => write!(f, "scale {}, similarity {:.3}", p.scale, p.threshold),

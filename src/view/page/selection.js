@@ -5,6 +5,14 @@ import { look, stale } from "./picture.js";
 import { add, sub } from "./camera.js";
 import { reveal } from "./parts.js";
 
+// what makes the Gaussians of a level one; the share is that of what the scene shows
+const KINDS = {
+  similar: "What is similar to the click",
+  part: "The clicked part of the connected piece",
+  piece: "The connected piece of the segment at the click",
+  segment: "The whole segment, such as all of this colour",
+  object: "Everything connected with the click, of any segment",
+};
 const HINT = "Click on the picture to select. Shift-click adds, Alt-click removes.";
 
 // the pixel under the pointer
@@ -52,8 +60,9 @@ function selected(message) {
   say("");
   const names = message.segments.length ? ` in ${message.segments.join(", ")}` : "";
   $("selected").textContent = `${message.gaussians.toLocaleString("en")} Gaussians${names} (${message.ms.toFixed(0)} ms)`;
-  $("levels").replaceChildren(...message.levels.map((share, n) => {
-    const button = make("button", { textContent: `${n + 1}: ${(100 * share).toFixed(0)} %`, title: "Level, and its share of the candidates" });
+  $("levels").replaceChildren(...message.levels.map(({ kind, share }, n) => {
+    const percent = share < 0.1 ? (100 * share).toFixed(1) : (100 * share).toFixed(0);
+    const button = make("button", { textContent: `${kind} ${percent} %`, title: KINDS[kind] });
     button.setAttribute("aria-pressed", n + 1 === message.level);
     button.onclick = () => adjust({ level: n + 1 });
     return button;

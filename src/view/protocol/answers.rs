@@ -3,6 +3,7 @@
 use crate::run::cameras::Placed;
 use crate::run::keyframes::{Key, SavedPath};
 use crate::run::look::Legend;
+use crate::segment::levels::Kind;
 use crate::view::jobs::board::JobState;
 use crate::view::tracks::Track;
 use crate::view::training::Training;
@@ -165,6 +166,15 @@ pub struct SegmentRow {
     pub hidden: bool,
 }
 
+/// A level that a click can mean.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct LevelOffer {
+    /// What makes its Gaussians one.
+    pub kind: Kind,
+    /// Its share of what the scene shows.
+    pub share: f64,
+}
+
 /// What is selected.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Selected {
@@ -180,8 +190,8 @@ pub struct Selected {
     pub scale: f32,
     /// Cosine that was used.
     pub threshold: f32,
-    /// Shares of the existing levels, from small to large.
-    pub levels: Vec<f64>,
+    /// The existing levels, from small to large.
+    pub levels: Vec<LevelOffer>,
     /// Number of the level that was used, from 1.
     pub level: Option<usize>,
     /// Milliseconds that it took.

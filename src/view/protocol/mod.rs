@@ -5,7 +5,7 @@ mod frame;
 mod requests;
 
 pub use crate::run::view::View;
-pub use answers::{Answer, Document, OtherRun, SegmentRow, Selected};
+pub use answers::{Answer, Document, LevelOffer, OtherRun, SegmentRow, Selected};
 pub use frame::{Codec, FrameInfo, HEADER, Kind};
 pub use requests::{Asked, Change, Combine, Request, Wanted};
 

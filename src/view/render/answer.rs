@@ -2,7 +2,7 @@
 
 use super::{Renderer, Wrong};
 use crate::run::keyframes::{CameraPath, SavedPath};
-use crate::run::pick::{self, Hit};
+use crate::run::pick;
 use crate::run::saved::{SavedView, command};
 use crate::run::segments::RunSegments;
 use crate::run::{OpenRun, RunError};
@@ -13,7 +13,7 @@ use crate::view::protocol::{Answer, Change, Codec, FrameInfo, Kind, Request};
 use crate::view::refusal::ChangeError;
 use crate::view::slow::Wanted;
 use crate::view::tracks;
-use crate::view::workspace::{Workspace, coarse};
+use crate::view::workspace::coarse;
 use std::time::Instant;
 
 /// Name under which the page saves a picture.
@@ -96,7 +96,6 @@ impl Renderer {
             Request::Commit { id: number, base, name } => {
                 let nothing = || (Some(number), "click on something first".to_owned());
                 let (selection, Clicked { hit, picked, time, .. }) = client.clicked().cloned().ok_or_else(nothing)?;
-                let hit = part_of(&self.space, hit, &picked.members);
                 let wanted = Wanted { client: id, id: number, base, selection: Some(selection) };
                 self.begin(wanted, move |run, segments| {
                     pick::commit(run, segments, &name, &hit, &picked, time).map(drop)
@@ -180,14 +179,4 @@ impl Renderer {
         }
         Ok(())
     }
-}
-
-/// The click; its selection stays a part of the segment that was looked in only if all of it is in there.
-fn part_of(space: &Workspace, mut hit: Hit, members: &[u32]) -> Hit {
-    let holds = |name: &crate::name::Name| {
-        let whole = space.segments().now().get(name);
-        whole.is_ok_and(|whole| members.iter().all(|i| whole.members.binary_search(i).is_ok()))
-    };
-    hit.within = hit.within.filter(holds);
-    hit
 }
