@@ -99,7 +99,7 @@ fn the_whole_segment_and_all_that_is_connected_are_levels_too() {
     let (at, ball_of) = surfaces(&[(-0.97, 1.0), (0.97, 1.0), (9.0, 0.5)]);
     let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
     let balls = |wanted: &[usize]| -> Vec<u32> {
-        (0..at.len() as u32).filter(|&i| wanted.contains(&(ball_of[i as usize] as usize))).collect()
+        (0..at.len() as u32).filter(|&i| wanted.contains(&ball_of[i as usize])).collect()
     };
     let within = balls(&[0, 2]);
     let of = Candidates::new(&field, &frame, &at.means, &at, &within);

@@ -265,6 +265,7 @@ fn show(report: &Report) {
             }
             _ => String::new(),
         };
-        outln!("{n:>5}  {:<7}  {:>9}  {share:>12}  {by:<24}{mark}", l.kind.name(), l.gaussians);
+        let line = format!("{n:>5}  {:<7}  {:>9}  {share:>12}  {by:<24}{mark}", l.kind.name(), l.gaussians);
+        outln!("{}", line.trim_end());
     }
 }
