@@ -14,7 +14,8 @@ use crate::segment::click::{heaviest, under};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::AffinitySpec;
 use crate::segment::levels::prepare;
-use crate::segment::pick::{PickError, PickOptions, Picked, meant, pick};
+use crate::segment::nested::objects;
+use crate::segment::pick::{Meaning, PickError, PickOptions, Picked, meant, pick};
 use crate::segment::propagate::propagate;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
 use burn::tensor::Device;
@@ -172,6 +173,30 @@ impl Clicking {
         Ok(Hit { gaussian, weight, mean, segments, within })
     }
 
+    /// Returns the object of each Gaussian, `[N]`, among the parts of all wholes, see [`objects`].
+    fn objects(&self, field: &AffinityField, spec: &AffinitySpec) -> Result<Vec<u32>, PickError> {
+        let count = self.at.len();
+        let (mut part, mut segment, mut last) = (vec![0; count], vec![0; count], 0);
+        for (number, whole) in (1..).zip(self.segments.segments.iter().filter(|s| s.parent.is_none())) {
+            let name = Some(whole.name.clone());
+            let known = self.known.borrow_mut().remove(&name).unwrap_or_default();
+            let of = Candidates::new(field, &spec.frame, &self.places, &self.at, &whole.members)
+                .of_segment(true)
+                .with_found(known);
+            let parts = of.all_parts()?;
+            self.known.borrow_mut().insert(name, of.into_found());
+            // what was picked from several wholes, or grouped, holds Gaussians of those again
+            for (&i, &own) in whole.members.iter().zip(&parts) {
+                let i = i as usize;
+                if own > 0 && part[i] == 0 {
+                    (part[i], segment[i]) = (last + own, number);
+                }
+            }
+            last += parts.iter().max().copied().unwrap_or(0);
+        }
+        Ok(objects(&self.at, &part, &segment)?)
+    }
+
     /// Returns what a click on `hit` selects in the segment to search, or in the whole scene.
     ///
     /// # Errors
@@ -182,6 +207,9 @@ impl Clicking {
             Some(name) => self.segments.get(name).map_err(RunError::input)?.members.clone(),
             None => (0..self.at.len() as u32).collect(),
         };
+        if hit.within.is_some() && (options.list || matches!(options.meaning, Meaning::Level(_) | Meaning::Kind(_))) {
+            self.around.know_objects(|| self.objects(field, spec)).map_err(RunError::failure)?;
+        }
         let known = self.known.borrow_mut().remove(&hit.within).unwrap_or_default();
         let of = Candidates::new(field, &spec.frame, &self.places, &self.at, &candidates)
             .of_segment(hit.within.is_some())

@@ -20,6 +20,8 @@ use volseggs_kernels::contrast::FEATURES;
 
 /// Number of scales whose features are cached: those at which levels are sought, that of wholes, and that of a slider.
 const MAX_CACHED: usize = 7;
+/// A piece has parts only if it holds at least one in this many of the candidates, unless it is clicked.
+pub(super) const SMALL: usize = 50;
 
 /// Cached results about candidates, see [`Candidates::with_found`].
 #[derive(Debug, Default)]
@@ -49,6 +51,22 @@ pub struct Surroundings {
     pieces: OnceLock<Components>,
     /// Sum over all Gaussians of what they show, see [`Candidates::shown`].
     shown: OnceLock<f64>,
+    /// See [`Self::know_objects`].
+    objects: OnceLock<Vec<u32>>,
+}
+
+impl Surroundings {
+    /// Makes the objects known, `[N]`, that parts of several segments form, see [`super::nested`]. They are `found` if they
+    /// are not known yet.
+    ///
+    /// # Errors
+    /// As `found`.
+    pub fn know_objects(&self, found: impl FnOnce() -> Result<Vec<u32>, PickError>) -> Result<(), PickError> {
+        if self.objects.get().is_none() {
+            let _ = self.objects.set(found()?);
+        }
+        Ok(())
+    }
 }
 
 /// The Gaussians that a click may select.
@@ -159,19 +177,50 @@ impl<'a> Candidates<'a> {
         Ok(self.found.pieces.get_or_init(|| pieces))
     }
 
-    /// Returns all Gaussians, candidates or not, ascending, that are visible and connected with the Gaussian `clicked`;
-    /// none if that is not visible.
+    /// Returns all Gaussians, candidates or not, ascending, that are one object with the Gaussian `clicked`: those of its
+    /// parts in all segments, if these are [known](Surroundings::know_objects), or else everything visible that is
+    /// connected with it. None if `clicked` is not visible.
     ///
     /// # Errors
     /// If the arrays of `at` disagree, or points are too far apart.
-    pub fn connected(&self, clicked: u32) -> Result<Vec<u32>, PointsError> {
-        if self.around.pieces.get().is_none() {
+    pub fn object(&self, clicked: u32) -> Result<Vec<u32>, PointsError> {
+        let around = &self.around;
+        if around.objects.get().is_none() && around.pieces.get().is_none() {
             let all: Vec<u32> = (0..self.at.len() as u32).collect();
-            let _ = self.around.pieces.set(pieces(self.at, &all, Touch::SEEN)?);
+            let _ = around.pieces.set(pieces(self.at, &all, Touch::SEEN)?);
         }
-        let labels = self.around.pieces.get().map_or(&[][..], |pieces| &pieces.labels);
+        let labels = around.objects.get().or_else(|| around.pieces.get().map(|pieces| &pieces.labels));
+        let labels = labels.map_or(&[][..], Vec::as_slice);
         let own = labels.get(clicked as usize).copied().filter(|label| *label > 0);
         Ok((0..).zip(labels).filter(|(_, label)| Some(**label) == own).map(|(i, _)| i).collect())
+    }
+
+    /// Returns the part of each candidate, `[M]` from 1, see [`Self::parts`]; small pieces are one part. 0 for those in no
+    /// piece.
+    ///
+    /// # Errors
+    /// As [`Self::parts`].
+    pub fn all_parts(&self) -> Result<Vec<u32>, PickError> {
+        let pieces = self.pieces()?;
+        let mut rows: Vec<Vec<usize>> = vec![Vec::new(); pieces.counts.len()];
+        for (n, &label) in pieces.labels.iter().enumerate().filter(|(_, label)| **label > 0) {
+            rows[label as usize - 1].push(n);
+        }
+        let (mut of, mut last) = (vec![0; self.within.len()], 0);
+        for (piece, rows) in (1..).zip(rows) {
+            let first = last;
+            if rows.len() * SMALL < self.within.len() {
+                rows.iter().for_each(|&n| of[n] = first + 1);
+                last += 1;
+                continue;
+            }
+            let members: Vec<u32> = rows.iter().map(|&n| self.within[n]).collect();
+            for (&n, part) in rows.iter().zip(self.parts(piece, &members)?.iter()) {
+                of[n] = first + part;
+                last = last.max(of[n]);
+            }
+        }
+        Ok(of)
     }
 
     /// Returns the fraction of what all Gaussians show, in [0, 1], that Gaussians which show `weight` in all are.

@@ -1,7 +1,7 @@
 //! The levels of parts and wholes at a click, and the likeliest one; no ground-truth label is used.
 //!
-//! Three levels are known without the affinity: the connected piece of the segment at the click, the whole segment, such
-//! as all of one colour, and everything that is connected with the click, of any colour.
+//! Three levels are wholes: the connected piece of the segment at the click, the whole segment, such as all of one colour,
+//! and the object of several colours that the clicked part belongs to, see [`super::nested`].
 //!
 //! Within a segment, such as a colour, the likeliest level is its connected piece that contains the clicked Gaussian: a
 //! connected piece of one colour is mostly one object, unless the affinity separates objects that touch (see
@@ -13,7 +13,7 @@
 //! is a level. Plateaus are sought at several mask scales, so neither the scale nor the cosine is a number tuned to one
 //! scene. (Levels of a component tree are chosen in the same way in images: maximally stable extremal regions.)
 
-use super::candidates::{Candidates, shown, total};
+use super::candidates::{Candidates, SMALL, shown, total};
 use super::pick::PickError;
 use serde::Serialize;
 
@@ -38,8 +38,6 @@ const REST_EXPONENT: f64 = 0.3;
 
 /// Maximum number of pieces whose parts are found before a click, see [`prepare`].
 const PIECES: usize = 8;
-/// Such a piece must hold at least one in this many of the candidates.
-const SMALL: usize = 50;
 
 /// What makes Gaussians one level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -54,7 +52,7 @@ pub enum Kind {
     Piece,
     /// They are the searched segment.
     Segment,
-    /// They are connected with the clicked one, whatever segments they are in.
+    /// They are one object with the clicked part, whatever segments they are in, see [`Candidates::object`].
     Object,
 }
 
@@ -94,7 +92,7 @@ pub struct Level {
 
 /// Returns the levels at a click on the Gaussian `clicked`, from small to large, and the position of the likeliest.
 /// There is at least one. Unless the candidates are the whole scene, the segment is among them, the piece at the click,
-/// and the clicked part of that if it has several; and everything connected with the click, which may be no candidates.
+/// and the clicked part of that if it has several; and the object, parts of which may be no candidates.
 /// Gaussians are weighted by [`Candidates::shown`].
 ///
 /// # Errors
@@ -199,11 +197,10 @@ fn level_of(of: &Candidates<'_>, kind: Kind, members: Vec<u32>) -> Level {
     Level { kind, scale: 1.0, threshold: -1.0, stability: 1.0, share, members }
 }
 
-/// Returns the levels that are more than the piece: the segment, unless the whole scene is searched, and what is connected
-/// with the click.
+/// Returns the levels that may be more than the piece: the segment, unless the whole scene is searched, and the object.
 fn wholes(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
     let segment = Some(of.within.to_vec()).filter(|_| !of.whole).map(|all| (Kind::Segment, all));
-    let object = Some(of.connected(clicked)?).filter(|all| !all.is_empty()).map(|all| (Kind::Object, all));
+    let object = Some(of.object(clicked)?).filter(|all| !all.is_empty()).map(|all| (Kind::Object, all));
     Ok(segment.into_iter().chain(object).map(|(kind, members)| level_of(of, kind, members)).collect())
 }
 

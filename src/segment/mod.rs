@@ -24,6 +24,7 @@ pub mod masks;
 pub mod material;
 pub mod material_groups;
 pub mod necks;
+pub mod nested;
 pub mod objects;
 pub mod paint;
 pub mod palette;

@@ -44,7 +44,7 @@ pub struct PickArgs {
     levels: bool,
     /// Use this level, the likeliest if not given: its number, from 1, the smallest, or `piece` (the connected piece of the
     /// segment at the click), `part` (the clicked part of a piece that has several), `segment` (all of it), `object`
-    /// (everything connected with the click, of any segment).
+    /// (the clicked part with what belongs to it of other segments, such as a core with its shell).
     #[arg(long, value_name = "N|KIND", value_parser = level, conflicts_with_all = ["scale", "threshold"])]
     level: Option<Meaning>,
     /// Mask scale in [0, 1], from small parts to large ones, instead of a level.

@@ -11,7 +11,7 @@ const KINDS = {
   part: "The clicked part of the connected piece",
   piece: "The connected piece of the segment at the click",
   segment: "The whole segment, such as all of this colour",
-  object: "Everything connected with the click, of any segment",
+  object: "The clicked part with what belongs to it of other segments",
 };
 const HINT = "Click on the picture to select. Shift-click adds, Alt-click removes.";
 
