@@ -133,6 +133,8 @@ impl Clicking {
         wholes.take(KNOWN).for_each(|whole| ready(Some(whole.name.clone()), &whole.members));
         if self.segments.segments.is_empty() {
             ready(None, &(0..self.at.len() as u32).collect::<Vec<_>>());
+        } else {
+            let _ = self.around.know_objects(|| self.objects(field, spec));
         }
     }
 

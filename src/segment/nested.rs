@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 /// Minimum fraction of a part, by opacity, in contact with another of its object. In five plumes that touch, each of a
 /// core, a body and a shell, the lowest is 0.095, of a shell.
 const CONTACT: f64 = 0.05;
-/// How many times as much of it as is in contact with any other part of that segment, minimum; there, 3.7.
+/// How many times as much of it as is in contact with any other part of that segment, minimum; there, 3.5.
 const AHEAD: f64 = 2.0;
 
 /// Returns the object of each Gaussian, `[N]`: those with the same number, from 1, are one object; 0 where `part` is 0.
