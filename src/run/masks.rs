@@ -100,7 +100,7 @@ impl MaskPlan {
         let mut names: Vec<String> = match &handout {
             _ if !request.segments.is_empty() => request.segments.to_vec(),
             Some(list) => list.groups.iter().map(|g| g.name.clone()).collect(),
-            None => all.segments.iter().filter(|s| s.parent.is_none()).map(|s| s.name.to_string()).collect(),
+            None => all.wholes().map(|s| s.name.to_string()).collect(),
         };
         // a segment named twice is drawn once
         let mut named = BTreeSet::new();

@@ -118,24 +118,40 @@ impl Clicking {
     /// Computes what the first click on any of the wholes, or on the scene if there are none, would have to compute, so
     /// that the click is answered at once. What fails is left to the click, which reports why.
     pub fn prepare(&self) {
-        let Some((field, spec)) = &self.field else { return };
-        let ready = |name: Option<Name>, members: &[u32]| {
-            let known = self.known.borrow_mut().remove(&name).unwrap_or_default();
-            let of = Candidates::new(field, &spec.frame, &self.places, &self.at, members)
-                .of_segment(name.is_some())
-                .with_found(known)
-                .with_surroundings(self.around.clone());
-            if prepare(&of).is_ok() {
-                self.known.borrow_mut().insert(name, of.into_found());
-            }
-        };
-        let wholes = self.segments.segments.iter().filter(|s| s.parent.is_none());
-        wholes.take(KNOWN).for_each(|whole| ready(Some(whole.name.clone()), &whole.members));
-        if self.segments.segments.is_empty() {
-            ready(None, &(0..self.at.len() as u32).collect::<Vec<_>>());
-        } else {
-            let _ = self.around.know_objects(|| self.objects(field, spec));
+        let Some(field) = &self.field else { return };
+        for whole in self.segments.wholes().take(KNOWN) {
+            let _ = self.with_candidates(field, Some(&whole.name), &whole.members, prepare);
         }
+        if self.segments.segments.is_empty() {
+            let all: Vec<u32> = (0..self.at.len() as u32).collect();
+            let _ = self.with_candidates(field, None, &all, prepare);
+        } else {
+            let _ = self.around.know_objects(|| self.objects(field));
+        }
+    }
+
+    /// Calls `work` with the candidates `members`: those of the segment `name`, or the whole scene. What was computed
+    /// about them before is reused, and what is computed now is kept.
+    fn with_candidates<T>(
+        &self,
+        (field, spec): &(AffinityField, AffinitySpec),
+        name: Option<&Name>,
+        members: &[u32],
+        work: impl FnOnce(&Candidates<'_>) -> T,
+    ) -> T {
+        let name = name.cloned();
+        let known = self.known.borrow_mut().remove(&name).unwrap_or_default();
+        let of = Candidates::new(field, &spec.frame, &self.places, &self.at, members)
+            .of_segment(name.is_some())
+            .with_found(known)
+            .with_surroundings(self.around.clone());
+        let result = work(&of);
+        let mut known = self.known.borrow_mut();
+        if known.len() >= KNOWN {
+            known.clear();
+        }
+        known.insert(name, of.into_found());
+        result
     }
 
     /// Returns the time of the scene.
@@ -176,17 +192,11 @@ impl Clicking {
     }
 
     /// Returns the object of each Gaussian, `[N]`, among the parts of all wholes, see [`objects`].
-    fn objects(&self, field: &AffinityField, spec: &AffinitySpec) -> Result<Vec<u32>, PickError> {
+    fn objects(&self, field: &(AffinityField, AffinitySpec)) -> Result<Vec<u32>, PickError> {
         let count = self.at.len();
         let (mut part, mut segment, mut last) = (vec![0; count], vec![0; count], 0);
-        for (number, whole) in (1..).zip(self.segments.segments.iter().filter(|s| s.parent.is_none())) {
-            let name = Some(whole.name.clone());
-            let known = self.known.borrow_mut().remove(&name).unwrap_or_default();
-            let of = Candidates::new(field, &spec.frame, &self.places, &self.at, &whole.members)
-                .of_segment(true)
-                .with_found(known);
-            let parts = of.all_parts()?;
-            self.known.borrow_mut().insert(name, of.into_found());
+        for (number, whole) in (1..).zip(self.segments.wholes()) {
+            let parts = self.with_candidates(field, Some(&whole.name), &whole.members, |of| of.all_parts())?;
             // what was picked from several wholes, or grouped, holds Gaussians of those again
             for (&i, &own) in whole.members.iter().zip(&parts) {
                 let i = i as usize;
@@ -204,25 +214,16 @@ impl Clicking {
     /// # Errors
     /// [`ClickError::NoField`], or a segment that no longer exists.
     pub fn select(&self, hit: &Hit, options: &PickOptions) -> Result<Picked, ClickError> {
-        let Some((field, spec)) = &self.field else { return Err(ClickError::NoField) };
+        let Some(field) = &self.field else { return Err(ClickError::NoField) };
         let candidates = match &hit.within {
             Some(name) => self.segments.get(name).map_err(RunError::input)?.members.clone(),
             None => (0..self.at.len() as u32).collect(),
         };
         if hit.within.is_some() && (options.list || matches!(options.meaning, Meaning::Level(_) | Meaning::Kind(_))) {
-            self.around.know_objects(|| self.objects(field, spec)).map_err(RunError::failure)?;
+            self.around.know_objects(|| self.objects(field)).map_err(RunError::failure)?;
         }
-        let known = self.known.borrow_mut().remove(&hit.within).unwrap_or_default();
-        let of = Candidates::new(field, &spec.frame, &self.places, &self.at, &candidates)
-            .of_segment(hit.within.is_some())
-            .with_found(known)
-            .with_surroundings(self.around.clone());
-        let picked = pick(&of, hit.gaussian, options);
-        let mut known = self.known.borrow_mut();
-        if known.len() >= KNOWN {
-            known.clear();
-        }
-        known.insert(hit.within.clone(), of.into_found());
+        let pick = |of: &Candidates<'_>| pick(of, hit.gaussian, options);
+        let picked = self.with_candidates(field, hit.within.as_ref(), &candidates, pick);
         Ok(picked.map_err(|e| match e {
             PickError::NoLevel { .. } => RunError::input(e),
             other => RunError::failure(other),

@@ -28,8 +28,6 @@ pub(super) const SMALL: usize = 50;
 pub struct Found {
     /// Encoded positions `[M, 24]`.
     encoded: OnceCell<Vec<f32>>,
-    /// What each candidate shows, `[M]`, see [`Candidates::shown`].
-    shown: OnceCell<Vec<f64>>,
     /// Unit features `[M, 16]` by scale, the most recently used last.
     features: RefCell<Vec<(f32, Arc<Vec<f32>>)>>,
     pieces: OnceCell<Components>,
@@ -49,8 +47,8 @@ impl Found {
 #[derive(Debug, Default)]
 pub struct Surroundings {
     pieces: OnceLock<Components>,
-    /// Sum over all Gaussians of what they show, see [`Candidates::shown`].
-    shown: OnceLock<f64>,
+    /// What each Gaussian shows, `[N]`, see [`Candidates::shown`].
+    shown: OnceLock<Vec<f64>>,
     /// See [`Self::know_objects`].
     objects: OnceLock<Vec<u32>>,
 }
@@ -158,10 +156,10 @@ impl<'a> Candidates<'a> {
         like
     }
 
-    /// What each candidate shows, `[M]`: opacity times the product of its two larger standard deviations; 0 if not
-    /// finite.
+    /// What each Gaussian shows, candidate or not, `[N]`: opacity times the product of its two larger standard
+    /// deviations; 0 if not finite.
     pub fn shown(&self) -> &[f64] {
-        self.found.shown.get_or_init(|| self.within.par_iter().map(|&i| shown(self.at, i as usize)).collect())
+        self.around.shown.get_or_init(|| (0..self.at.len()).into_par_iter().map(|i| shown(self.at, i)).collect())
     }
 
     /// Returns the connected pieces of the visible candidates; labels `[M]` from 1, 0 for those without a finite
@@ -225,8 +223,7 @@ impl<'a> Candidates<'a> {
 
     /// Returns the fraction of what all Gaussians show, in [0, 1], that Gaussians which show `weight` in all are.
     pub fn share(&self, weight: f64) -> f64 {
-        let all = self.around.shown.get_or_init(|| total((0..self.at.len()).map(|i| shown(self.at, i))));
-        (weight / all).min(1.0)
+        (weight / total(self.shown())).min(1.0)
     }
 
     /// Returns for each of the Gaussians `members` of the piece `piece` the label, from 1, of its object among the
@@ -279,15 +276,15 @@ impl<'a> Candidates<'a> {
 }
 
 /// Returns the sum of what Gaussians show, never 0.
-pub(super) fn total(shown: impl Iterator<Item = f64>) -> f64 {
-    shown.sum::<f64>().max(f64::MIN_POSITIVE)
+pub(super) fn total(shown: &[f64]) -> f64 {
+    shown.iter().sum::<f64>().max(f64::MIN_POSITIVE)
 }
 
 /// What the Gaussian `i` shows, see [`Candidates::shown`].
 ///
 /// # Panics
 /// If `i` is not below N.
-pub(super) fn shown(at: &HostGaussians, i: usize) -> f64 {
+fn shown(at: &HostGaussians, i: usize) -> f64 {
     let mut scales: [f64; 3] = std::array::from_fn(|k| f64::from(at.log_scales[3 * i + k]).exp());
     scales.sort_by(f64::total_cmp);
     let opacity = sigmoid_f64(at.opacity_logits[i].into());

@@ -13,7 +13,7 @@
 //! is a level. Plateaus are sought at several mask scales, so neither the scale nor the cosine is a number tuned to one
 //! scene. (Levels of a component tree are chosen in the same way in images: maximally stable extremal regions.)
 
-use super::candidates::{Candidates, SMALL, shown, total};
+use super::candidates::{Candidates, SMALL, total};
 use super::pick::PickError;
 use serde::Serialize;
 
@@ -165,12 +165,13 @@ pub fn prepare(of: &Candidates<'_>) -> Result<(), PickError> {
 /// Returns the plateaus of the affinity, from small to large, at least one, and the position of the likeliest.
 fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), PickError> {
     let (within, position) = (of.within, of.position(clicked)?);
-    let weights = of.shown();
-    let total = total(weights.iter().copied());
+    let shown = of.shown();
+    let weights: Vec<f64> = within.iter().map(|&i| shown[i as usize]).collect();
+    let total = total(&weights);
     let mut found: Vec<Level> = Vec::new();
     for scale in SCALES {
         let cosines = of.cosines(position, scale);
-        let sizes = sizes(&cosines, weights, weights[position]);
+        let sizes = sizes(&cosines, &weights, weights[position]);
         for (k, stability) in plateaus(&sizes) {
             let threshold = cosine(k);
             let like = |(n, _): &(usize, &u32)| cosines[*n] >= threshold || *n == position;
@@ -193,7 +194,8 @@ fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize),
 
 /// Returns a level that needs no affinity.
 fn level_of(of: &Candidates<'_>, kind: Kind, members: Vec<u32>) -> Level {
-    let share = of.share(members.iter().map(|&i| shown(of.at, i as usize)).sum());
+    let shown = of.shown();
+    let share = of.share(members.iter().map(|&i| shown[i as usize]).sum());
     Level { kind, scale: 1.0, threshold: -1.0, stability: 1.0, share, members }
 }
 

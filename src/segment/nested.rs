@@ -43,7 +43,7 @@ pub fn objects(at: &HostGaussians, part: &[u32], segment: &[u32]) -> Result<Vec<
             *touching.entry((part[own], of, other)).or_default() += opacity;
         }
     }
-    let closest: BTreeMap<(u32, u32), u32> = closest(&weights, &touching);
+    let closest = closest(&weights, &touching);
     let sets = UnionFind::new(weights.keys().last().map_or(1, |last| *last as usize + 1));
     let segments: BTreeMap<u32, u32> = shown.iter().map(|&i| (part[i as usize], segment[i as usize])).collect();
     for (&(own, _), &other) in &closest {

@@ -103,6 +103,11 @@ impl Segmentation {
         Self { gaussians, scene, segments: Vec::new() }
     }
 
+    /// Returns the segments that are no parts of others.
+    pub fn wholes(&self) -> impl Iterator<Item = &Segment> {
+        self.segments.iter().filter(|segment| segment.parent.is_none())
+    }
+
     /// Adds a segment; its members are sorted and deduplicated.
     ///
     /// # Errors
