@@ -5,6 +5,7 @@ use super::embedding::HostEmbedding;
 use super::gaussians::Gaussians;
 use super::host::HostGaussians;
 use super::params::to_vec;
+use burn::tensor::Tensor;
 use volseggs_kernels::activation::sigmoid;
 use volseggs_kernels::splat::SplatInputs;
 
@@ -20,6 +21,12 @@ impl SomeGaussians<'_> {
     #[must_use]
     pub fn at(&self, time: f32) -> HostGaussians {
         HostGaussians::from_splat(self.inputs(time))
+    }
+
+    /// Their opacity logits at `time`.
+    fn opacity_logits(&self, time: f32) -> Tensor<1> {
+        let Self { scene, rows } = self;
+        if scene.spec.deformed { scene.field.opacity_logits(rows, time) } else { rows.opacity_logits.val() }
     }
 
     fn inputs(&self, time: f32) -> SplatInputs {
@@ -79,8 +86,7 @@ impl Scene {
             if open.is_empty() {
                 break;
             }
-            let at = self.rows(&all, &open).inputs(time).opacity_logits;
-            let mut now = to_vec(at).into_iter().map(sigmoid);
+            let mut now = to_vec(self.rows(&all, &open).opacity_logits(time)).into_iter().map(sigmoid);
             open.retain(|&i| {
                 let found = now.next().filter(|opacity| *opacity >= min_opacity);
                 seen[i as usize] = found.unwrap_or(0.0);

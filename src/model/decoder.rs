@@ -93,6 +93,26 @@ impl Decoder {
         };
         decoder(features, own, weights, &DecoderShape { inputs, width, head_sizes })
     }
+
+    /// The last column of [`Self::forward`] alone, the changes of opacity logits `[N]`, without the other heads.
+    pub fn opacity(&self, features: Tensor<2>, own: Option<Tensor<2>>) -> Tensor<1> {
+        let [inputs, width] = self.trunk_weight.dims();
+        let [n, _] = features.dims();
+        let hidden = (self.heads - 1) * width..self.heads * width;
+        let column = COLUMNS - 1..COLUMNS;
+        let weights = DecoderWeights {
+            trunk: (self.trunk_weight.val(), self.trunk_bias.val()),
+            hidden: (
+                self.hidden_weight.val().slice([0..width, hidden.clone()]),
+                self.hidden_bias.val().slice([hidden]),
+            ),
+            output: (
+                self.output_weight.val().slice([0..width, column.clone()]),
+                self.output_bias.val().slice([column]),
+            ),
+        };
+        decoder(features, own, weights, &DecoderShape { inputs, width, head_sizes: vec![1] }).reshape([n])
+    }
 }
 
 #[cfg(test)]
@@ -100,6 +120,7 @@ mod tests {
     use super::*;
     use crate::config::types::Config;
     use crate::device::DeviceName;
+    use burn::tensor::Tolerance;
     use burn::tensor::activation::relu;
 
     /// The same decoder in plain tensor operations.
@@ -154,9 +175,12 @@ mod tests {
                 let grads = [x.grad(&g).unwrap(), decoder.hidden_weight.val().grad(&g).unwrap()];
                 (out.inner().into_data(), grads.map(|t| t.into_data()))
             };
+            let last = decoder.forward(x.clone(), None).slice([0..100, COLUMNS - 1..COLUMNS]).reshape([100]);
+            let opacity = decoder.opacity(x.clone(), None).into_data();
+            opacity.assert_approx_eq::<f32>(&last.into_data(), Tolerance::rel_abs(1e-5, 1e-6));
             let (a, ga) = run(decoder.forward(x.clone(), None));
             let (b, gb) = run(plain(&decoder, x.clone()));
-            let tolerance = burn::tensor::Tolerance::<f32>::rel_abs(1e-3, 1e-3);
+            let tolerance = Tolerance::<f32>::rel_abs(1e-3, 1e-3);
             a.assert_approx_eq::<f32>(&b, tolerance);
             for (p, q) in ga.iter().zip(&gb) {
                 p.assert_approx_eq::<f32>(q, tolerance);

@@ -74,40 +74,20 @@ impl DeformationField {
     /// Gaussians' own frames) are unchanged. Those marked in `culled` `[N]`, if given, are not evaluated and come out
     /// transparent; D3DGS ignores `culled`.
     pub fn deform(&self, gaussians: &Gaussians, time: f32, culled: Option<&[bool]>) -> SplatInputs {
-        let means = gaussians.means.val();
-        let device = means.device();
-        let row = |v: [f32; 3]| Tensor::<2>::from_data(TensorData::new(v.to_vec(), [1, 3]), &device);
-        let inverse = self.placing.half_size.map(|h| 1.0 / h);
-        let mut points = (means.clone() - row(self.placing.centre)) * row(inverse);
-        let marks = |value: f32| culled.map(|a| a.iter().map(|&a| if a { value } else { 0.0 }).collect::<Vec<f32>>());
-        if let Some(marks) = marks(f32::NAN) {
-            // the field and the decoder skip NaN points
-            let n = marks.len();
-            points = points + Tensor::from_data(TensorData::new(marks, [n, 1]), &device);
+        if let Encoder::D3dgs(network) = &self.encoder {
+            return network.deform(gaussians, time);
         }
-        let u = match self.placing.time_range {
-            TimeRange::Full => time,
-            TimeRange::Half => 0.5 + 0.5 * time,
-        };
-        let features = match &self.encoder {
-            Encoder::Factorised(e) => e.forward(points, u),
-            Encoder::HexPlane(e) => e.forward(points, u),
-            Encoder::Implicit(e) => e.forward(points, u),
-            Encoder::Extra(e) => e.forward(points, u),
-            Encoder::D3dgs(network) => return network.deform(gaussians, time),
-        };
-        let change = match &self.decoder {
-            Some(decoder) => decoder.forward(features, gaussians.embedding.as_ref().map(|embedding| embedding.val())),
-            None => features,
-        };
+        let Some(change) = self.decode(gaussians, time, culled, Decoder::forward) else { return gaussians.val() };
         let [n, _] = change.dims();
         let [to_means, to_rotations, to_log_scales, to_opacity_logits] = split_changes(change);
         let mut opacity_logits = gaussians.opacity_logits.val();
-        if let Some(marks) = marks(TRANSPARENT) {
-            opacity_logits = opacity_logits + Tensor::from_data(TensorData::new(marks, [n]), &device);
+        if let Some(culled) = culled {
+            let device = opacity_logits.device();
+            let marks = TensorData::new(marks(culled, TRANSPARENT), [n]);
+            opacity_logits = opacity_logits + Tensor::from_data(marks, &device);
         }
         SplatInputs {
-            means: means + to_means,
+            means: gaussians.means.val() + to_means,
             rotations: gaussians.rotations.val() + to_rotations,
             log_scales: gaussians.log_scales.val() + to_log_scales,
             opacity_logits: if self.placing.deform_opacity {
@@ -120,4 +100,55 @@ impl DeformationField {
             shading: gaussians.headlight.as_ref().map(Headlight::val),
         }
     }
+
+    /// The opacity logits `[N]` at `time` alone, as in [`Self::deform`] but in less time.
+    pub fn opacity_logits(&self, gaussians: &Gaussians, time: f32) -> Tensor<1> {
+        let logits = gaussians.opacity_logits.val();
+        if !self.placing.deform_opacity {
+            return logits;
+        }
+        match self.decode(gaussians, time, None, Decoder::opacity) {
+            Some(change) => logits + change,
+            None => logits,
+        }
+    }
+
+    /// Calls `part` of the decoder with the features of the Gaussians at `time` and their embeddings; `None` without a
+    /// decoder, as in D3DGS.
+    fn decode<const D: usize>(
+        &self,
+        gaussians: &Gaussians,
+        time: f32,
+        culled: Option<&[bool]>,
+        part: impl Fn(&Decoder, Tensor<2>, Option<Tensor<2>>) -> Tensor<D>,
+    ) -> Option<Tensor<D>> {
+        let decoder = self.decoder.as_ref()?;
+        let means = gaussians.means.val();
+        let device = means.device();
+        let row = |v: [f32; 3]| Tensor::<2>::from_data(TensorData::new(v.to_vec(), [1, 3]), &device);
+        let inverse = self.placing.half_size.map(|h| 1.0 / h);
+        let mut points = (means - row(self.placing.centre)) * row(inverse);
+        if let Some(culled) = culled {
+            // the field and the decoder skip NaN points
+            let marks = TensorData::new(marks(culled, f32::NAN), [culled.len(), 1]);
+            points = points + Tensor::from_data(marks, &device);
+        }
+        let u = match self.placing.time_range {
+            TimeRange::Full => time,
+            TimeRange::Half => 0.5 + 0.5 * time,
+        };
+        let features = match &self.encoder {
+            Encoder::Factorised(e) => e.forward(points, u),
+            Encoder::HexPlane(e) => e.forward(points, u),
+            Encoder::Implicit(e) => e.forward(points, u),
+            Encoder::Extra(e) => e.forward(points, u),
+            Encoder::D3dgs(_) => return None,
+        };
+        Some(part(decoder, features, gaussians.embedding.as_ref().map(|embedding| embedding.val())))
+    }
+}
+
+/// `value` for those marked in `culled` `[N]`, 0 for the others.
+fn marks(culled: &[bool], value: f32) -> Vec<f32> {
+    culled.iter().map(|&culled| if culled { value } else { 0.0 }).collect()
 }
