@@ -165,7 +165,7 @@ impl SegmentFlags {
         let work = std::fs::create_dir_all(&eval).and_then(|()| AtomicDir::create(&eval.join("masks")));
         let work = work.map_err(|e| CliError::failure(format!("{}: {e}", eval.display())))?;
         let found = evaluate_segments(&run.scene, &truth, &options, networks, work.dir(), |what| errln!("{what}"));
-        let mut evaluation = found.map_err(eval_error)?;
+        let (mut evaluation, _) = found.map_err(eval_error)?;
         evaluation.data = on.data;
         write_results(&folder, &evaluation)?;
         if json {

@@ -5,15 +5,16 @@ use crate::data::Truth;
 use crate::data::paths::{Lens, RADIUS, orbit};
 use crate::draw::plot::{Series, line_plot};
 use crate::draw::views::view_sheet;
-use crate::eval::segments::{Method, SegmentEvaluation, SegmentOptions, evaluate_segments, write_results};
+use crate::eval::segments::{Lifted, Method, SegmentEvaluation, SegmentOptions, evaluate_segments, write_results};
 use crate::export::images::to_rgb8;
 use crate::files::AtomicDir;
 use crate::model::HostGaussians;
 use crate::name::Name;
-use crate::run::segments::RunSegments;
+use crate::run::segments::{RunSegments, by_colour};
 use crate::run::{OpenRun, RunError};
 use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
+use crate::segment::fine::file::{self, AffinitySpec};
 use crate::segment::fine::train::FineOptions;
 use crate::segment::masks::origin::MaskKind;
 use crate::segment::pick::Meaning;
@@ -67,15 +68,23 @@ impl SegmentStory {
     }
 }
 
-/// Saves what the demo selected as the run's segments, unless the user has made others since an earlier demo.
-fn save(run: &OpenRun, found: &Segmentation) -> Result<(), RunError> {
+/// Saves the colours and what the demo selected as the run's segments, and the affinity field, by which clicks select
+/// more, unless the user has made other segments since an earlier demo.
+fn save(run: &OpenRun, found: &Segmentation, lifted: Option<Lifted>, time: f64) -> Result<(), RunError> {
     let (mut own, _) = RunSegments::replacing(run);
-    if own.now().segments.is_empty() {
-        own.change("demo", found.segments.clone());
-        return own.save();
-    }
-    if own.now().segments != found.segments {
+    let first = own.now().segments.is_empty();
+    if !first && own.now().segments != found.segments {
         errln!("note: the segments of {} are kept, as they are not those of the demo", run.path.display());
+        return Ok(());
+    }
+    if first {
+        own.change("demo", found.segments.clone());
+        own.save()?;
+    }
+    let path = run.paths().affinity();
+    if let Some(Lifted { field, frame, spreads }) = lifted.filter(|_| first || !path.exists()) {
+        let spec = AffinitySpec { frame, time, scene: run.scene.fingerprint(), spreads };
+        file::save(&path, &field, &spec).map_err(RunError::failure)?;
     }
     Ok(())
 }
@@ -100,11 +109,12 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
         mask_alpha: None,
     };
     let work = AtomicDir::create(&run.paths().eval().join("masks")).map_err(|e| e.to_string())?;
-    let evaluation = evaluate_segments(scene, &truth, &plan, &[], work.dir(), |what| errln!("    {what}"))
+    let (evaluation, trained) = evaluate_segments(scene, &truth, &plan, &[], work.dir(), |what| errln!("    {what}"))
         .map_err(|e| e.to_string())?;
     write_results(&run.paths().eval().join("segments"), &evaluation).map_err(|e| e.to_string())?;
 
-    let mut found = run.no_segments();
+    let mut found = by_colour(run, trained.coarse(), evaluation.time).map_err(|e| e.to_string())?;
+    let mut clicked = Vec::new();
     let chosen = evaluation.results.iter().filter(|r| r.method == Method::CoarseFine && !r.fixed.members.is_empty());
     for result in chosen {
         let colour = found.free_colour();
@@ -112,14 +122,15 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
         let members = result.fixed.members.clone();
         let (scale, threshold) = result.fixed.asked.unwrap_or(Meaning::BY_HAND);
         let origin = Origin::Pick { scale, threshold };
-        let segment = Segment { name, parent: None, colour, time: evaluation.time, origin, members };
+        let parent = found.whole_of(&members).map(|whole| whole.name.clone());
+        let segment = Segment { name, parent, colour, time: evaluation.time, origin, members };
+        clicked.push(segment.clone());
         found.add(segment).map_err(|e| e.to_string())?;
     }
-    save(run, &found).map_err(|e| e.to_string())?;
+    save(run, &found, trained.parts, evaluation.time).map_err(|e| e.to_string())?;
 
     let times: Vec<f64> = (0..TIMES).map(|i| i as f64 / (TIMES - 1) as f64).collect();
-    let wanted: Vec<Followed<'_>> =
-        found.segments.iter().map(|s| Followed { name: &s.name, members: &s.members }).collect();
+    let wanted: Vec<Followed<'_>> = clicked.iter().map(|s| Followed { name: &s.name, members: &s.members }).collect();
     let lens = Lens { fov_x: FOV, width: WIDTH, height: WIDTH };
     let camera = orbit(8, RADIUS, 0.35, lens)[0].to_kernel();
     let alone = |at: &HostGaussians, members: &[u32]| {

@@ -280,18 +280,27 @@ impl RunSegments {
         }
         let later = run.scene.opacity_at_other_times(&options.hidden(at), options.min_opacity);
         let found = coarse(at, Some(&later), options).map_err(RunError::input)?;
-        let mut all = run.no_segments();
-        for (label, entry) in (1..).zip(&found.palette) {
-            let members = (0..n as u32).filter(|&i| found.labels[i as usize] == label).collect();
-            let name = Name::new(entry.name.replace(' ', "-")).map_err(RunError::failure)?;
-            let segment = Segment { name, parent: None, colour: entry.rgb, time, origin: Origin::Coarse, members };
-            all.add(segment).map_err(RunError::failure)?;
-        }
+        let all = by_colour(run, &found, time)?;
         if !all.segments.is_empty() {
             self.change("coarse", all.segments);
         }
         Ok(found)
     }
+}
+
+/// Returns the colours `found` at a `time` as segments.
+///
+/// # Errors
+/// If two have one name.
+pub fn by_colour(run: &OpenRun, found: &Coarse, time: f64) -> Result<Segmentation, RunError> {
+    let mut all = run.no_segments();
+    for (label, entry) in (1..).zip(&found.palette) {
+        let members = (0..).zip(&found.labels).filter(|(_, of)| **of == label).map(|(i, _)| i).collect();
+        let name = Name::new(entry.name.replace(' ', "-")).map_err(RunError::failure)?;
+        let segment = Segment { name, parent: None, colour: entry.rgb, time, origin: Origin::Coarse, members };
+        all.add(segment).map_err(RunError::failure)?;
+    }
+    Ok(all)
 }
 
 /// Checks that `count` steps can be taken; `file` holds `there` of them.

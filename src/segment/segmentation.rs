@@ -108,6 +108,11 @@ impl Segmentation {
         self.segments.iter().filter(|segment| segment.parent.is_none())
     }
 
+    /// Returns the first whole that holds all of the Gaussians `members`.
+    pub fn whole_of(&self, members: &[u32]) -> Option<&Segment> {
+        self.wholes().find(|whole| members.iter().all(|i| whole.members.binary_search(i).is_ok()))
+    }
+
     /// Adds a segment; its members are sorted and deduplicated.
     ///
     /// # Errors

@@ -214,7 +214,7 @@ impl Worker<'_> {
         let truth = Truth::read(data).map_err(failed("segments"))?;
         // never committed: it is removed when this ends, or now if an earlier process was killed
         let work = AtomicDir::create(&self.folder.join("masks")).map_err(failed("segments"))?;
-        let mut evaluation =
+        let (mut evaluation, _) =
             segments::evaluate_segments(&trained.scene, &truth, &options, networks, work.dir(), |what| {
                 errln!("{what}")
             })

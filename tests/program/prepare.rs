@@ -278,6 +278,16 @@ fn the_demo_writes_a_report_and_can_be_repeated() {
         assert!(page.contains(word) || page.to_lowercase().contains(&word.to_lowercase()), "{word}");
     }
     assert!(!page.contains("https://"));
+    // the run is ready for clicks: colours, the segments clicked in them, and the affinity field
+    let trained = format!("{out}/run");
+    let listed: serde_json::Value = {
+        let list = volseggs().args(["segment", "list", &trained, "--json"]).assert().success();
+        serde_json::from_slice(&list.get_output().stdout).unwrap()
+    };
+    let listed = listed["segments"].as_array().unwrap();
+    let origins: Vec<&str> = listed.iter().map(|s| s["origin"]["kind"].as_str().unwrap()).collect();
+    assert!(origins.contains(&"coarse") && origins.contains(&"pick"), "{origins:?}");
+    volseggs().args(["segment", "pick", &trained, "--view", "0", "--pixel", "24,24"]).assert().success();
     // again: the dataset is reused, the run is complete, the report is renewed
     let second: serde_json::Value = serde_json::from_slice(&run()).unwrap();
     assert_eq!(first["metrics"]["psnr"], second["metrics"]["psnr"]);
@@ -296,7 +306,6 @@ fn the_demo_writes_a_report_and_can_be_repeated() {
     other.args(small.split_whitespace()).args([&out[..], "--set", "loss.tv=0.5"]);
     refused(&mut other, &["loss.tv"]);
     // the user's own segments survive another demo
-    let trained = format!("{out}/run");
     let listed = || volseggs().args(["segment", "list", &trained]).assert().success().get_output().stdout.clone();
     volseggs().args(["segment", "coarse", &trained, "--replace"]).assert().success();
     let own = listed();

@@ -29,4 +29,4 @@ pub use run::evaluate_segments;
 pub use setting::TRIES;
 pub use table::{KIND, markdown, write_results};
 pub use target::Union;
-pub use train::write_mask_pictures;
+pub use train::{Lifted, Trained, write_mask_pictures};

@@ -10,7 +10,7 @@ use super::result::{Outcome, SegmentEvaluation, SegmentResult, VolumeScore};
 use super::select::{Chosen, Scenery, fixed};
 use super::setting::{Setting, TRIES};
 use super::target::{Target, targets};
-use super::train::Trainers;
+use super::train::{Trained, Trainers};
 use super::truth::labelled;
 use super::volume::Cells;
 use crate::data::Truth;
@@ -24,7 +24,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
-/// Runs an evaluation; `work` is a folder for temporary files, and `say` receives messages about progress.
+/// Runs an evaluation; `work` is a folder for temporary files, and `say` receives messages about progress. Returns it
+/// with what the methods have learnt before the clicks.
 ///
 /// # Errors
 /// If the ground truth is missing, masks cannot be used, or a method failed.
@@ -35,7 +36,7 @@ pub fn evaluate_segments(
     networks: &[Lpips],
     work: &Path,
     mut say: impl FnMut(&str),
-) -> Result<SegmentEvaluation, SegmentEvalError> {
+) -> Result<(SegmentEvaluation, Trained), SegmentEvalError> {
     let views = labelled(truth, options.time)?;
     let time = views.first().map_or(options.time, |v| v.view.time);
     let targets = targets(truth, &options.segments, &options.unions, time)?;
@@ -137,7 +138,7 @@ pub fn evaluate_segments(
     }
     let single: Vec<&str> = targets.iter().filter(|t| t.ids.len() == 1).map(|t| t.name.as_str()).collect();
     evaluation.take_means(&options.methods, &single);
-    Ok(evaluation)
+    Ok((evaluation, trained))
 }
 
 /// A value for the fixed setting and, if the oracle was used, one for its setting.

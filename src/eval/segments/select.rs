@@ -104,7 +104,7 @@ impl Scenery<'_> {
             }
             Setting::Field(options) => {
                 let field = if method == Method::CoarseFine { &trained.parts } else { &trained.whole };
-                let Lifted { field, frame } = field.as_ref().ok_or("the affinity field was not trained")?;
+                let Lifted { field, frame, .. } = field.as_ref().ok_or("the affinity field was not trained")?;
                 let all = || (0..self.at.len() as u32).collect::<Vec<_>>();
                 let on = match method {
                     // as `segment pick` does: in the clicked colour, or in the whole scene if no colour contains what

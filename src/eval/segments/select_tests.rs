@@ -31,7 +31,8 @@ fn scene() -> (HostGaussians, Trained) {
         Setting::Coarse(options) => Some((*options, coarse(&at, None, options).unwrap())),
         _ => None,
     });
-    let field = || Some(Lifted { field: AffinityField::new(4, &device), frame: Frame::around(&at.means) });
+    let field =
+        || Some(Lifted { field: AffinityField::new(4, &device), frame: Frame::around(&at.means), spreads: Vec::new() });
     let options = SagaOptions { steps: 30, pixels: 48, scales: 2, ..SagaOptions::default() };
     let trained = Trained {
         colours: colours.collect(),

@@ -33,6 +33,8 @@ pub struct Lifted {
     pub field: AffinityField,
     /// The box of its positions.
     pub frame: Frame,
+    /// Spreads of the masks, world units, ascending.
+    pub spreads: Vec<f32>,
 }
 
 /// What the methods have learnt before the clicks.
@@ -107,8 +109,8 @@ impl Trainers<'_> {
         if self.wants(Method::CoarseFine) {
             let started = Instant::now();
             let masks = masker.make(0..parts.len(), "parts.jsonl", say)?;
-            let views = self.fine_views(&masks, &parts, &frame)?;
-            trained.parts = Some(self.lift(&views, frame, "coarse+fine", say)?);
+            let read = self.fine_views(&masks, &parts, &frame)?;
+            trained.parts = Some(self.lift(&read, frame, "coarse+fine", say)?);
             trained.seconds.insert(Method::CoarseFine, coarse_seconds + started.elapsed().as_secs_f64());
         }
         if !scene.is_empty() {
@@ -123,17 +125,17 @@ impl Trainers<'_> {
                 return Ok(trained);
             }
             let started = Instant::now();
-            let views = self.fine_views(&masks, &scene, &frame)?;
+            let read = self.fine_views(&masks, &scene, &frame)?;
             let before = mask_seconds + started.elapsed().as_secs_f64();
             if self.wants(Method::Fine) {
                 let started = Instant::now();
-                trained.whole = Some(self.lift(&views, frame, "fine", say)?);
+                trained.whole = Some(self.lift(&read, frame, "fine", say)?);
                 trained.seconds.insert(Method::Fine, before + started.elapsed().as_secs_f64());
             }
             if self.wants(Method::Saga) {
                 say(&format!("saga: {} steps", self.options.saga.steps));
                 let started = Instant::now();
-                let model = saga::train(&views, &self.at.means, &self.options.saga, |_, _| true);
+                let model = saga::train(&read.0, &self.at.means, &self.options.saga, |_, _| true);
                 trained.saga = Some(model.map_err(|e| match e {
                     SagaError::NoMasks => SegmentEvalError::Input(e.to_string()),
                     e => SegmentEvalError::Failed(e.to_string()),
@@ -203,17 +205,23 @@ impl Trainers<'_> {
         }
     }
 
-    fn fine_views(&self, masks: &MaskReader, groups: &[Group], frame: &Frame) -> Result<Vec<FineView>, String> {
+    /// Reads the views with masks and the spreads of these.
+    fn fine_views(
+        &self,
+        masks: &MaskReader,
+        groups: &[Group],
+        frame: &Frame,
+    ) -> Result<(Vec<FineView>, Vec<f32>), String> {
         let members: Vec<Vec<u32>> = groups.iter().map(|g| g.members.clone()).collect();
         let seed = self.options.fine.seed;
         let views =
             read_views(masks, (self.at, self.scene.spec.rendering()), frame, &members, seed, self.device, |_| {});
-        Ok(views.map_err(|e| e.to_string())?.0)
+        views.map_err(|e| e.to_string())
     }
 
     fn lift(
         &self,
-        views: &[FineView],
+        (views, spreads): &(Vec<FineView>, Vec<f32>),
         frame: Frame,
         name: &str,
         say: &mut impl FnMut(&str),
@@ -223,7 +231,7 @@ impl Trainers<'_> {
             FineError::NoMasks => SegmentEvalError::Input(e.to_string()),
             e => SegmentEvalError::Failed(e.to_string()),
         })?;
-        Ok(Lifted { field, frame })
+        Ok(Lifted { field, frame, spreads: spreads.clone() })
     }
 }
 
