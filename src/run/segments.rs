@@ -13,7 +13,7 @@ use crate::name::Name;
 use crate::points::kmeans;
 use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
 use crate::segment::history::History;
-use crate::segment::pictures::draw;
+use crate::segment::pictures::draw_each;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
 use burn::tensor::Device;
 use image::RgbImage;
@@ -345,9 +345,8 @@ pub fn sheet(
     let rendering = run.scene.spec.rendering();
     let mut pictures = Vec::new();
     for segment in segments.iter().take(SHOWN) {
-        let alone = at.subset(&segment.members);
-        for camera in &around.orbit(4)[..3] {
-            let image = draw(&alone, rendering.seen_by(camera.to_kernel()), device);
+        let sides = around.orbit(4).into_iter().take(3).map(|camera| rendering.seen_by(camera.to_kernel()));
+        for image in draw_each(at.subset(&segment.members), sides, device) {
             pictures.push((segment.name.to_string(), to_rgb8(&image, width, height)));
         }
     }

@@ -53,11 +53,26 @@ pub fn picture(gaussians: &HostGaussians, settings: SplatSettings, device: &Devi
 /// Colour over the background and alpha, `[H, W, 4]`.
 #[must_use]
 pub fn draw(gaussians: &HostGaussians, settings: SplatSettings, device: &Device) -> Vec<f32> {
-    if gaussians.is_empty() {
-        let SplatSettings { camera, background: [r, g, b], .. } = settings;
-        return [r, g, b, 0.0].repeat(camera.width * camera.height);
-    }
-    to_vec(splat(gaussians.to_splat(device), settings).image)
+    draw_each(gaussians.clone(), [settings], device).pop().unwrap_or_default()
+}
+
+/// The same with each of several settings; the Gaussians are moved to the device once.
+#[must_use]
+pub fn draw_each(
+    gaussians: HostGaussians,
+    settings: impl IntoIterator<Item = SplatSettings>,
+    device: &Device,
+) -> Vec<Vec<f32>> {
+    let inputs = (!gaussians.is_empty()).then(|| gaussians.into_splat(device));
+    let one = |settings: SplatSettings| match &inputs {
+        Some(inputs) => to_vec(splat(inputs.clone(), settings).image),
+        // not every backend can hold an empty tensor
+        None => {
+            let SplatSettings { camera, background: [r, g, b], .. } = settings;
+            [r, g, b, 0.0].repeat(camera.width * camera.height)
+        }
+    };
+    settings.into_iter().map(one).collect()
 }
 
 /// The same for painted Gaussians, which look alike from every side, over black.
