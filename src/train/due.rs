@@ -73,13 +73,14 @@ pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
         Stage::Warmup(_) => step > d.prune_from,
         Stage::Joint(_) => d.prune_joint,
     };
-    // not at the last step as such: opacities since the last pruning may be those of a few times only
-    let prunes = prunes && every(d.prune_every);
     // counted over the run, as resets may continue in the joint stage
     let of_run = stage.step_of_run(config) + 1;
     let was_reset = d.opacity_reset > 0 && of_run > d.opacity_reset;
-    // after the last step of the run nothing would raise the opacities again
+    // after the last step of the run nothing would raise opacities again, or train what replaces removed Gaussians, and
+    // each change of the Gaussians restarts the moving average
     let goes_on = of_run < config.stages.warmup_steps + config.stages.joint_steps;
+    // not at the end of a span as such: opacities since the last pruning may be those of a few times only
+    let prunes = prunes && every(d.prune_every) && goes_on;
     let reset = (!stage.is_joint() || d.opacity_reset_joint)
         && d.opacity_reset > 0
         && goes_on
@@ -153,6 +154,17 @@ mod tests {
         // a joint stage that adds no Gaussians does not count
         (config.stages.joint_steps, config.densify.joint_from) = (300, 300);
         assert_eq!(targets(&config, 100).last(), Some(&1000));
+    }
+
+    #[test]
+    fn nothing_is_removed_after_the_last_step_of_the_run() {
+        let mut config = Config::default();
+        config.stages.joint_steps = 4000;
+        let joint = |step: usize| due(Stage::Joint(step - 1), &config, 100);
+        assert!(joint(3500).prune && !joint(4000).prune);
+        assert_eq!(joint(4000).grow_to, Some(config.densify.budget));
+        (config.stages.warmup_steps, config.stages.joint_steps) = (1000, 0);
+        assert_eq!(warmup_steps(&config, |d| d.prune), [500]);
     }
 
     #[test]
