@@ -11,10 +11,9 @@ use crate::files::AtomicDir;
 use crate::model::HostGaussians;
 use crate::name::Name;
 use crate::run::segments::{RunSegments, by_colour};
-use crate::run::{OpenRun, RunError};
+use crate::run::{OpenRun, RunError, affinity};
 use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::coarse::CoarseOptions;
-use crate::segment::fine::file::{self, AffinitySpec};
 use crate::segment::fine::train::FineOptions;
 use crate::segment::masks::origin::MaskKind;
 use crate::segment::pick::Meaning;
@@ -81,10 +80,8 @@ fn save(run: &OpenRun, found: &Segmentation, lifted: Option<Lifted>, time: f64) 
         own.change("demo", found.segments.clone());
         own.save()?;
     }
-    let path = run.paths().affinity();
-    if let Some(Lifted { field, frame, spreads }) = lifted.filter(|_| first || !path.exists()) {
-        let spec = AffinitySpec { frame, time, scene: run.scene.fingerprint(), spreads };
-        file::save(&path, &field, &spec).map_err(RunError::failure)?;
+    if let Some(Lifted { field, frame, spreads }) = lifted.filter(|_| first || !run.paths().affinity().exists()) {
+        affinity::save(run, &field, frame, time, spreads)?;
     }
     Ok(())
 }

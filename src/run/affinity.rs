@@ -73,6 +73,15 @@ pub fn open(run: &OpenRun, device: &Device) -> Result<(AffinityField, AffinitySp
     Ok((field, spec))
 }
 
+/// Writes a field, trained at `time` on masks with the ascending `spreads` (world units), to the run.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn save(run: &OpenRun, field: &AffinityField, frame: Frame, time: f64, spreads: Vec<f32>) -> Result<(), RunError> {
+    let spec = AffinitySpec { frame, time, scene: run.scene.fingerprint(), spreads };
+    file::save(&run.paths().affinity(), field, &spec).map_err(RunError::failure)
+}
+
 /// Returns a colour for each of the scene's N Gaussians, `[N]`: the first three principal components of their affinity
 /// features at [`SCALE`], each scaled from its 1st to its 99th percentile.
 ///
@@ -172,7 +181,6 @@ pub fn fit(
         return Ok(None);
     }
     let seconds = started.elapsed().as_secs_f64();
-    let spec = AffinitySpec { frame, time: header.time, scene: run.scene.fingerprint(), spreads };
-    file::save(&run.paths().affinity(), &field, &spec).map_err(RunError::failure)?;
+    save(run, &field, frame, header.time, spreads)?;
     Ok(Some(Trained { loss: smooth.unwrap_or_default(), seconds }))
 }

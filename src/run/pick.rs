@@ -174,7 +174,7 @@ impl Clicking {
         let settings = self.rendering.seen_by(camera.to_kernel());
         let beneath = under(shown.as_ref().unwrap_or(&self.at), settings, pixel, &self.device)
             .map_err(|_| ClickError::Outside { width, height })?;
-        let holds = |s: &Segment, i: u32| s.members.binary_search(&i).is_ok();
+        let holds = |s: &Segment, i: u32| s.holds(&[i]);
         // wholes come before their parts
         let whole_of = |i: u32| (0..).zip(&self.segments.segments).find(|(_, s)| holds(s, i)).map(|(n, _)| n);
         let hit = match within {
@@ -287,7 +287,7 @@ pub fn commit(
     }
     let mut all = segments.now().clone();
     let whole = hit.within.as_ref().and_then(|whole| all.get(whole).ok());
-    let whole = whole.filter(|whole| members.iter().all(|i| whole.members.binary_search(i).is_ok()));
+    let whole = whole.filter(|whole| whole.holds(members));
     let parent = whole.map(|whole| whole.name.clone());
     let within = whole.map_or_else(|| (0..run.scene.gaussians.count() as u32).collect(), |whole| whole.members.clone());
     let members = propagate(&run.scene, members, &within, time).map_err(RunError::failure)?;

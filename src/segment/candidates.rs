@@ -49,6 +49,8 @@ pub struct Surroundings {
     pieces: OnceLock<Components>,
     /// What each Gaussian shows, `[N]`, see [`Candidates::shown`].
     shown: OnceLock<Vec<f64>>,
+    /// Its sum.
+    total: OnceLock<f64>,
     /// See [`Self::know_objects`].
     objects: OnceLock<Vec<u32>>,
 }
@@ -223,7 +225,7 @@ impl<'a> Candidates<'a> {
 
     /// Returns the fraction of what all Gaussians show, in [0, 1], that Gaussians which show `weight` in all are.
     pub fn share(&self, weight: f64) -> f64 {
-        (weight / total(self.shown())).min(1.0)
+        (weight / self.around.total.get_or_init(|| total(self.shown()))).min(1.0)
     }
 
     /// Returns for each of the Gaussians `members` of the piece `piece` the label, from 1, of its object among the

@@ -97,6 +97,13 @@ pub enum SegmentationError {
     },
 }
 
+impl Segment {
+    /// Whether all of the Gaussians `members` are in it.
+    pub fn holds(&self, members: &[u32]) -> bool {
+        members.iter().all(|i| self.members.binary_search(i).is_ok())
+    }
+}
+
 impl Segmentation {
     /// Creates an empty segmentation of a scene with `gaussians` and the fingerprint `scene`.
     pub fn new(gaussians: usize, scene: String) -> Self {
@@ -110,7 +117,7 @@ impl Segmentation {
 
     /// Returns the first whole that holds all of the Gaussians `members`.
     pub fn whole_of(&self, members: &[u32]) -> Option<&Segment> {
-        self.wholes().find(|whole| members.iter().all(|i| whole.members.binary_search(i).is_ok()))
+        self.wholes().find(|whole| whole.holds(members))
     }
 
     /// Adds a segment; its members are sorted and deduplicated.
