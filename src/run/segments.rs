@@ -294,9 +294,8 @@ impl RunSegments {
 /// If two have one name.
 pub fn by_colour(run: &OpenRun, found: &Coarse, time: f64) -> Result<Segmentation, RunError> {
     let mut all = run.no_segments();
-    for (label, entry) in (1..).zip(&found.palette) {
-        let members = (0..).zip(&found.labels).filter(|(_, of)| **of == label).map(|(i, _)| i).collect();
-        let name = Name::new(entry.name.replace(' ', "-")).map_err(RunError::failure)?;
+    for (name, entry, members) in found.groups() {
+        let name = Name::new(name).map_err(RunError::failure)?;
         let segment = Segment { name, parent: None, colour: entry.rgb, time, origin: Origin::Coarse, members };
         all.add(segment).map_err(RunError::failure)?;
     }

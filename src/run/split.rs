@@ -11,7 +11,7 @@ use crate::points::PointsError;
 use crate::segment::fine::extract::{Clustering, cluster};
 use crate::segment::fine::network::FEATURES;
 use crate::segment::paint::flat;
-use crate::segment::pictures::draw;
+use crate::segment::pictures::draw_each;
 use crate::segment::pieces::without_strays;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
 use burn::tensor::Device;
@@ -121,15 +121,13 @@ pub fn sheet(run: &OpenRun, around: &Surroundings, parts: &Parts, device: &Devic
     let painted = flat(parts.alone.clone(), parts.shades.iter().map(|shade| shade.unwrap_or(NO_PART)));
     let (width, height) = (around.lens.width as usize, around.lens.height as usize);
     let rendering = run.scene.spec.rendering().flat();
-    let pictures: Vec<_> = around.orbit(5)[..4]
-        .iter()
-        .flat_map(|camera| {
-            [("as it is", &parts.alone), ("parts", &painted)].map(|(label, gaussians): (&str, &HostGaussians)| {
-                let image = draw(gaussians, rendering.seen_by(camera.to_kernel()), device);
-                (label.to_owned(), to_rgb8(&image, width, height))
-            })
-        })
-        .collect();
+    let cameras = &around.orbit(5)[..4];
+    let each = |gaussians: HostGaussians, label: &'static str| {
+        let seen = cameras.iter().map(|camera| rendering.seen_by(camera.to_kernel()));
+        draw_each(gaussians, seen, device).map(move |image| (label.to_owned(), to_rgb8(&image, width, height)))
+    };
+    let pairs = each(parts.alone.clone(), "as it is").zip(each(painted, "parts"));
+    let pictures: Vec<_> = pairs.flat_map(|(as_it_is, parts)| [as_it_is, parts]).collect();
     view_sheet(&pictures, 4, 400)
 }
 

@@ -88,6 +88,16 @@ pub struct Coarse {
     pub not_finite: usize,
 }
 
+impl Coarse {
+    /// Returns each colour with its name as that of a segment, and its Gaussians in ascending order.
+    pub fn groups(&self) -> impl Iterator<Item = (String, &PaletteEntry, Vec<u32>)> {
+        (1..).zip(&self.palette).map(|(label, entry)| {
+            let members = (0..).zip(&self.labels).filter(|(_, of)| **of == label).map(|(i, _)| i).collect();
+            (entry.name.replace(' ', "-"), entry, members)
+        })
+    }
+}
+
 /// Groups Gaussians at a time by colour, each weighted by its opacity. Those transparent at this time but not always
 /// join the nearest colour, as a segment may consist of them at another time; those of a material not visible at this
 /// time form a colour of their own, unless the number of colours is given or mean colours are grouped. `later` `[N]`

@@ -53,18 +53,17 @@ pub fn picture(gaussians: &HostGaussians, settings: SplatSettings, device: &Devi
 /// Colour over the background and alpha, `[H, W, 4]`.
 #[must_use]
 pub fn draw(gaussians: &HostGaussians, settings: SplatSettings, device: &Device) -> Vec<f32> {
-    draw_each(gaussians.clone(), [settings], device).pop().unwrap_or_default()
+    draw_each(gaussians.clone(), [settings], device).next().unwrap_or_default()
 }
 
-/// The same with each of several settings; the Gaussians are moved to the device once.
-#[must_use]
+/// The same with each of several settings, one image at a time; the Gaussians are moved to the device once.
 pub fn draw_each(
     gaussians: HostGaussians,
     settings: impl IntoIterator<Item = SplatSettings>,
     device: &Device,
-) -> Vec<Vec<f32>> {
+) -> impl Iterator<Item = Vec<f32>> {
     let inputs = (!gaussians.is_empty()).then(|| gaussians.into_splat(device));
-    let one = |settings: SplatSettings| match &inputs {
+    let one = move |settings: SplatSettings| match &inputs {
         Some(inputs) => to_vec(splat(inputs.clone(), settings).image),
         // not every backend can hold an empty tensor
         None => {
@@ -72,7 +71,7 @@ pub fn draw_each(
             [r, g, b, 0.0].repeat(camera.width * camera.height)
         }
     };
-    settings.into_iter().map(one).collect()
+    settings.into_iter().map(one)
 }
 
 /// The same for painted Gaussians, which look alike from every side, over black.

@@ -164,14 +164,11 @@ impl Trainers<'_> {
     /// Returns the groups to draw alone: each colour, if `coarse+fine` is requested, and the whole scene, if another
     /// method that needs masks is.
     fn groups(&self, coarse: &Coarse) -> (Vec<Group>, Vec<Group>) {
-        let name = |(label, entry): (u32, &crate::segment::palette::PaletteEntry)| Group {
-            name: entry.name.replace(' ', "-"),
-            members: (0..).zip(&coarse.labels).filter(|(_, l)| **l == label).map(|(i, _)| i).collect(),
-        };
-        let parts = if self.wants(Method::CoarseFine) { &coarse.palette[..] } else { &[] };
+        let by_colour = coarse.groups().map(|(name, _, members)| Group { name, members });
+        let parts = if self.wants(Method::CoarseFine) { by_colour.collect() } else { Vec::new() };
         let whole = [Method::Fine, Method::Saga, Method::Sagd].into_iter().any(|m| self.wants(m));
         let all = || Group { name: SCENE.into(), members: (0..self.at.len() as u32).collect() };
-        ((1..).zip(parts).map(name).collect(), whole.then(all).into_iter().collect())
+        (parts, whole.then(all).into_iter().collect())
     }
 
     /// Returns the views that groups are drawn from.

@@ -4,7 +4,7 @@ use super::make::{MakeError, MaskJob, Shot};
 use super::store::StoreError;
 use crate::data::Camera;
 use crate::files::read_regular;
-use crate::segment::pictures::draw;
+use crate::segment::pictures::draw_each;
 use crate::segment::segmentation::members_key;
 use image::{ImageFormat, RgbImage};
 use serde::{Deserialize, Serialize};
@@ -68,10 +68,10 @@ pub fn write_pictures(
     for group in job.groups {
         let inner = folder.join(&group.name);
         std::fs::create_dir_all(&inner).map_err(StoreError::io(&inner))?;
-        let alone = job.at.subset(&group.members);
-        for shot in job.shots {
+        let seen = job.shots.iter().map(|shot| job.rendering.seen_by(shot.camera.to_kernel()));
+        let pictures = draw_each(job.at.subset(&group.members), seen, job.device);
+        for (shot, rgba) in job.shots.iter().zip(pictures) {
             let path = inner.join(format!("{}.png", shot.file));
-            let rgba = draw(&alone, job.rendering.seen_by(shot.camera.to_kernel()), job.device);
             let bytes = rgba.chunks_exact(4).flat_map(|p| &p[..3]).map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8);
             let (w, h) = (shot.camera.width, shot.camera.height);
             let image = RgbImage::from_raw(w, h, bytes.collect())
