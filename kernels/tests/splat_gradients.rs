@@ -6,7 +6,9 @@
 
 mod common;
 
-use common::{Numbers, Tested, by_covariances, camera, fields, random_scene, rounded, settings};
+use common::{
+    COEFFICIENTS, Numbers, Tested, by_covariances, camera, fields, highest_degree, random_scene_of, rounded, settings,
+};
 use volseggs_kernels::splat::contributors::reference::contributors;
 use volseggs_kernels::splat::reference::{Cutoffs, Scene, backward, render};
 use volseggs_kernels::splat::{DILATION, SplatSettings};
@@ -75,8 +77,8 @@ fn depth_gap(scene: &Scene, settings: &SplatSettings) -> f64 {
 
 /// Returns a scene that has, besides random Gaussians, two so far off the axis that their slopes are clamped, one with
 /// a clamped colour channel, one with an opacity above 0.99, and offsets on screen.
-fn with_everything(n: usize, degree: usize, seed: u64) -> Scene {
-    let mut scene = random_scene(n, degree, seed);
+fn with_everything(n: usize, coefficients: usize, seed: u64) -> Scene {
+    let mut scene = random_scene_of(n, coefficients, seed);
     let mut r = Numbers(seed + 100);
     scene.means[..6].copy_from_slice(&[2.0, 0.2, -0.3, 0.1, -1.9, 0.4]);
     scene.log_scales[..6].iter_mut().for_each(|s| *s += 2.0);
@@ -88,9 +90,10 @@ fn with_everything(n: usize, degree: usize, seed: u64) -> Scene {
 
 #[test]
 fn the_reference_gradient_matches_the_image_without_cutoffs() {
-    for degree in 0..4 {
+    for coefficients in COEFFICIENTS {
+        let degree = highest_degree(coefficients);
         for (seed, dilation) in [(1, DILATION), (2, 0.1), (3, 0.0)] {
-            let scene = with_everything(12, degree, seed);
+            let scene = with_everything(12, coefficients, seed);
             let settings = SplatSettings { dilation, ..settings(camera(21, 17), degree) };
             let slopes = [0, 1].map(|i| {
                 let [x, y, z] = in_camera(&scene, &settings, i);
@@ -105,8 +108,8 @@ fn the_reference_gradient_matches_the_image_without_cutoffs() {
                 assert_eq!(ours.sh[3 * scene.sh_stride * 2], 0.0, "its colour is clamped");
                 for (name, field) in fields(&scene) {
                     let error = worst(field(&mut ours), field(&mut exact));
-                    println!("{kind} degree {degree} seed {seed} {name}: {error:.1e}");
-                    assert!(error < 1e-8, "{kind} degree {degree} seed {seed} {name}: off by {error:.1e}");
+                    println!("{kind} {coefficients} coefficients seed {seed} {name}: {error:.1e}");
+                    assert!(error < 1e-8, "{kind} {coefficients} coefficients seed {seed} {name}: off by {error:.1e}");
                 }
             }
         }
@@ -137,9 +140,10 @@ fn check(
 /// Large, half-transparent Gaussians, all of them in every pixel: compared with difference quotients of the image with
 /// the op's cutoffs.
 fn gradients_without_cutoffs_match_difference_quotients(on: Tested) {
-    for degree in 0..4 {
+    for coefficients in COEFFICIENTS {
+        let degree = highest_degree(coefficients);
         for (seed, dilation) in [(1, DILATION), (2, 0.1), (3, 0.0)] {
-            let mut scene = random_scene(8, degree, seed);
+            let mut scene = random_scene_of(8, coefficients, seed);
             scene.means.iter_mut().for_each(|v| *v *= 0.5);
             scene.log_scales.iter_mut().for_each(|s| *s = 0.3 * (*s + 2.6));
             scene.opacity_logits.iter_mut().for_each(|o| *o = 0.5 * *o - 0.5);
@@ -150,7 +154,7 @@ fn gradients_without_cutoffs_match_difference_quotients(on: Tested) {
                 assert!(depth_gap(&scene, &settings) > 1e-3, "seed {seed}: two depths are almost equal");
                 let by_image = weights(&settings, seed + 10);
                 let exact = quotients(&scene, &settings, Cutoffs::OP, &by_image);
-                let what = format!("{kind} degree {degree} seed {seed}");
+                let what = format!("{kind} {coefficients} coefficients seed {seed}");
                 check(&on, &scene, settings, &by_image, exact, on.within(2e-5, 2e-3), &what);
             }
         }
@@ -159,9 +163,10 @@ fn gradients_without_cutoffs_match_difference_quotients(on: Tested) {
 
 /// Small Gaussians that end within the image, pixels that saturate, alpha above its clamp.
 fn gradients_with_cutoffs_match_the_reference(on: Tested) {
-    for degree in 0..4 {
+    for coefficients in COEFFICIENTS {
+        let degree = highest_degree(coefficients);
         for (seed, opaque, dilation) in [(1, 0.0, DILATION), (2, 0.0, 0.1), (3, 4.0, DILATION), (4, 4.0, 0.1)] {
-            let mut scene = with_everything(60, degree, seed);
+            let mut scene = with_everything(60, coefficients, seed);
             scene.opacity_logits.iter_mut().for_each(|o| *o += opaque);
             scene.log_scales.iter_mut().for_each(|s| *s += 0.1 * opaque);
             let settings = SplatSettings { dilation, ..settings(camera(43, 37), degree) };
@@ -170,7 +175,7 @@ fn gradients_with_cutoffs_match_the_reference(on: Tested) {
                 let pixels: Vec<u32> = (0..43 * 37).collect();
                 let lists = contributors(&scene, &settings, &pixels);
                 let margin = lists.iter().map(|p| p.margin).fold(f64::INFINITY, f64::min);
-                let what = format!("{kind} degree {degree} seed {seed}");
+                let what = format!("{kind} {coefficients} coefficients seed {seed}");
                 println!("{what}: margin {margin:.1e}, depth gap {:.1e}", depth_gap(&scene, &settings));
                 assert!(margin > 1e-5 && depth_gap(&scene, &settings) > 1e-5, "{what}: choose another seed");
                 let (all, image) = (render(&scene, &settings, Cutoffs::NONE), render(&scene, &settings, Cutoffs::OP));
@@ -185,8 +190,29 @@ fn gradients_with_cutoffs_match_the_reference(on: Tested) {
     }
 }
 
+/// Coefficients beyond the degree in use change nothing and get no gradient, whichever bands they are of.
+fn coefficients_beyond_the_degree_in_use_do_not_count(on: Tested) {
+    for (coefficients, degree, used) in [(16, 1, 4), (15, 0, 1), (15, 2, 6), (15, 3, 6), (6, 1, 1)] {
+        let scene = random_scene_of(20, coefficients, 3);
+        let settings = settings(camera(21, 17), degree);
+        let by_image: Vec<f32> = weights(&settings, 13).iter().map(|&v| v as f32).collect();
+        let mut other = scene.clone();
+        other.sh.chunks_exact_mut(3 * coefficients).for_each(|row| row[3 * used..].fill(7.0));
+        let [(image, ours), (of_other, _)] =
+            [scene, other].map(|scene| common::gradients(&scene, settings, &by_image, &on.device));
+        assert_eq!(image, of_other, "{coefficients} coefficients, degree {degree}");
+        let sh = &ours[4];
+        assert_eq!(sh.len(), 20 * 3 * coefficients);
+        for row in sh.chunks_exact(3 * coefficients) {
+            assert!(row[3 * used..].iter().all(|v| *v == 0.0));
+        }
+        assert!(sh.chunks_exact(3 * coefficients).any(|row| row[3 * used - 1] != 0.0));
+    }
+}
+
 volseggs_testing::on_every_device!(
     crate::common::open =>
+    coefficients_beyond_the_degree_in_use_do_not_count,
     gradients_without_cutoffs_match_difference_quotients,
     gradients_with_cutoffs_match_the_reference,
 );

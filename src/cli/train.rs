@@ -10,7 +10,7 @@ use crate::shell;
 use crate::train::observer::NoObserver;
 use crate::train::observer::Observer;
 use crate::train::run::{RunOptions, RunOutcome, RunRecord, Start, lock};
-use crate::train::{checkpoint, open_dataset};
+use crate::train::{advice, checkpoint, open_dataset};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -87,6 +87,9 @@ impl TrainArgs {
             dataset.train.times().len(),
             rayon::current_num_threads()
         );
+        if let (Start::New, Some(advice)) = (&start, advice(&config)) {
+            errln!("note: {advice}");
+        }
         let stop = stop_flag("stopping after this step, with a checkpoint")?;
         let options = RunOptions {
             out: out.clone(),

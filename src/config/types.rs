@@ -10,7 +10,9 @@ mod output;
 
 pub use densify::{DensifyConfig, DensifyMode, PruneBy};
 use methods::{CoordNetConfig, D3dgsConfig, FourDgsConfig, InSituNetConfig, VisNerfConfig};
-pub use model::{Appearance, BiasInit, Bounds, DecoderKind, EncoderKind, GridInit, ModelConfig, TimeCurve, TimeRange};
+pub use model::{
+    Appearance, BiasInit, Bounds, DecoderKind, EncoderKind, GridInit, ModelConfig, ShBands, TimeCurve, TimeRange,
+};
 pub use output::OutputConfig;
 
 use schemars::JsonSchema;

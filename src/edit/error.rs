@@ -83,7 +83,7 @@ pub enum EditError {
         found: usize,
     },
     /// Not a valid number of spherical-harmonics coefficients.
-    #[error("sh_stride: {found} coefficients; give 1, 4, 9 or 16 (degree 0 to 3)")]
+    #[error("sh_stride: {found} coefficients; give 1, 4, 9 or 16 (degree 0 to 3), or 6 or 15 (even bands)")]
     ShStride {
         /// Coefficients per Gaussian.
         found: usize,

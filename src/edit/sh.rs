@@ -1,15 +1,16 @@
-//! Rotation of real spherical harmonics up to degree 3, in the order and with the signs of 3DGS.
+//! Rotation of real spherical harmonics up to degree 4, in the order and with the signs of 3DGS.
 //!
 //! A rotation maps each band `l` onto itself. The matrix of a band is found by evaluating its 2l + 1 functions at 2l +
 //! 1 fixed directions, before and after the rotation, and solving once: exact up to rounding, all in f64.
 
+use crate::model::sh::degrees;
 use std::f64::consts::PI;
 
-/// The matrices of bands 1 to 3 for one rotation.
+/// The matrices of bands 1 to 4 for one rotation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShRotation {
-    /// Row-major matrices of 3x3, 5x5 and 7x7.
-    bands: [Vec<f64>; 3],
+    /// Row-major matrices of 3x3, 5x5, 7x7 and 9x9.
+    bands: [Vec<f64>; 4],
 }
 
 impl ShRotation {
@@ -20,15 +21,15 @@ impl ShRotation {
         Self { bands: std::array::from_fn(|i| band_matrix(i + 1, matrix)) }
     }
 
-    /// Rotates the coefficients `[K, 3]` of one Gaussian in place; K is 1, 4, 9 or 16.
+    /// Rotates the coefficients `[K, 3]` of one Gaussian in place; K is 1, 4, 9 or 16, or 6 or 15 with even bands alone.
     pub fn rotate(&self, sh: &mut [f32]) {
         let mut start = 1;
-        for (l, matrix) in (1..).zip(&self.bands) {
-            let n = 2 * l + 1;
+        for l in degrees(sh.len() / 3) {
+            let (n, matrix) = (2 * l + 1, &self.bands[l - 1]);
             let Some(band) = sh.get_mut(3 * start..3 * (start + n)) else {
                 return;
             };
-            let mut old = [0.0; 21];
+            let mut old = [0.0; 27];
             for (o, c) in old.iter_mut().zip(band.iter()) {
                 *o = f64::from(*c);
             }
@@ -85,13 +86,14 @@ fn direction(j: usize, n: usize) -> [f64; 3] {
     [ring * cos, ring * sin, z]
 }
 
-/// Returns the 16 functions at a unit direction; band 1 is `C1 (-y, z, -x)`. They are computed from their definition in
+/// Returns the 25 functions at a unit direction; band 1 is `C1 (-y, z, -x)`. They are computed from their definition in
 /// f64: with single-precision constants, a rotation would not be orthonormal to rounding.
-fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
+fn basis([x, y, z]: [f64; 3]) -> [f64; 25] {
     let (xx, yy, zz) = (x * x, y * y, z * z);
     let norm = |a: f64| (a / PI).sqrt();
     let (c1, c2) = (norm(3.0) / 2.0, norm(15.0) / 2.0);
     let (c30, c31, c32) = (norm(35.0 / 2.0) / 4.0, norm(105.0) / 2.0, norm(21.0 / 2.0) / 4.0);
+    let (c40, c41, c42, c43) = (0.75 * norm(35.0), 0.75 * norm(35.0 / 2.0), 0.75 * norm(5.0), 0.75 * norm(5.0 / 2.0));
     [
         norm(1.0) / 2.0,
         -c1 * y,
@@ -109,6 +111,15 @@ fn basis([x, y, z]: [f64; 3]) -> [f64; 16] {
         -c32 * x * (4.0 * zz - xx - yy),
         c31 / 2.0 * z * (xx - yy),
         -c30 * x * (xx - 3.0 * yy),
+        c40 * x * y * (xx - yy),
+        -c41 * y * z * (3.0 * xx - yy),
+        c42 * x * y * (7.0 * zz - 1.0),
+        -c43 * y * z * (7.0 * zz - 3.0),
+        3.0 / 16.0 * norm(1.0) * (zz * (35.0 * zz - 30.0) + 3.0),
+        -c43 * x * z * (7.0 * zz - 3.0),
+        c42 / 2.0 * (xx - yy) * (7.0 * zz - 1.0),
+        -c41 * x * z * (xx - 3.0 * yy),
+        c40 / 4.0 * (xx * (xx - 3.0 * yy) - yy * (3.0 * xx - yy)),
     ]
 }
 
@@ -123,8 +134,12 @@ mod tests {
         m.transpose().to_cols_array_2d()
     }
 
+    /// The green channel of coefficients, of even bands where their number is that of these.
     fn colour(sh: &[f32], d: DVec3) -> f64 {
-        basis(d.to_array()).iter().zip(sh.chunks_exact(3)).map(|(b, c)| b * f64::from(c[1])).sum()
+        let all = basis(d.to_array());
+        let even = [6, 15].contains(&(sh.len() / 3));
+        let functions = (0..all.len()).filter(|k| !even || k.isqrt().is_multiple_of(2)).map(|k| all[k]);
+        functions.zip(sh.chunks_exact(3)).map(|(b, c)| b * f64::from(c[1])).sum()
     }
 
     #[test]
@@ -161,7 +176,7 @@ mod tests {
             prop_assume!(axis.length() > 0.1 && d.length() > 0.1);
             let (r, d) = (DMat3::from_axis_angle(axis.normalize(), angle), d.normalize());
             let turn = ShRotation::new(rows(r));
-            for k in [1, 4, 9, 16] {
+            for k in [1, 4, 9, 16, 6, 15] {
                 let before = &sh[..3 * k];
                 let mut after = before.to_vec();
                 turn.rotate(&mut after);

@@ -2,6 +2,7 @@
 
 use super::error::EditError;
 use crate::model::HostGaussians;
+use volseggs_kernels::sh::Bands;
 
 /// Opacity logit of a hidden Gaussian: its sigmoid is 0 in single precision, but it is finite for files.
 pub const HIDDEN_LOGIT: f32 = -100.0;
@@ -11,7 +12,7 @@ pub const HIDDEN_LOGIT: f32 = -100.0;
 /// # Errors
 /// [`EditError::Shape`] or [`EditError::ShStride`]. Values are not checked: non-finite ones stay so.
 pub(super) fn check(gaussians: &HostGaussians) -> Result<(), EditError> {
-    if !matches!(gaussians.sh_stride, 1 | 4 | 9 | 16) {
+    if Bands::of(gaussians.sh_stride).is_none() {
         return Err(EditError::ShStride { found: gaussians.sh_stride });
     }
     match gaussians.mismatched_column() {

@@ -4,6 +4,7 @@ use crate::files::{AtomicFile, ReplaceError};
 use crate::model::HostGaussians;
 use std::io;
 use std::path::{Path, PathBuf};
+use volseggs_kernels::sh::Bands;
 
 /// Why a file of Gaussians cannot be written or read.
 #[derive(Debug, thiserror::Error)]
@@ -33,15 +34,16 @@ pub enum SplatFileError {
     Shape(String),
 }
 
-/// Writes the Gaussians with `body`, atomically: shaded ones as [`HostGaussians::baked`], since readers support only
-/// harmonics. Replaces only a file of this program.
+/// Writes the Gaussians with `body`, atomically: shaded ones, and those with even bands alone, as
+/// [`HostGaussians::baked`], since readers support only harmonics of all bands. Replaces only a file of this program.
 pub(super) fn write(
     gaussians: &HostGaussians,
     path: &Path,
     body: impl FnOnce(&HostGaussians, &mut AtomicFile) -> io::Result<()>,
 ) -> Result<(), SplatFileError> {
     check(gaussians)?;
-    let baked = gaussians.shading.is_some().then(|| gaussians.baked());
+    let is_plain = gaussians.shading.is_none() && Bands::of_any(gaussians.sh_stride) == Bands::All;
+    let baked = (!is_plain).then(|| gaussians.baked());
     let mut file = AtomicFile::create_named(path)?;
     body(baked.as_ref().unwrap_or(gaussians), &mut file)
         .and_then(|()| file.commit())
@@ -50,9 +52,9 @@ pub(super) fn write(
 
 /// Checks that the fields of the Gaussians are consistent.
 fn check(gaussians: &HostGaussians) -> Result<(), SplatFileError> {
-    if !matches!(gaussians.sh_stride, 1 | 4 | 9 | 16) {
+    if Bands::of(gaussians.sh_stride).is_none() {
         let stride = gaussians.sh_stride;
-        return Err(SplatFileError::Shape(format!("sh_stride {stride} is not 1, 4, 9 or 16")));
+        return Err(SplatFileError::Shape(format!("sh_stride {stride} is not 1, 4, 9 or 16, nor 6 or 15")));
     }
     let Some((column, wanted)) = gaussians.mismatched_column() else { return Ok(()) };
     Err(SplatFileError::Shape(format!(

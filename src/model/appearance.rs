@@ -21,6 +21,7 @@ use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::{Quat, Vec3};
+use volseggs_kernels::sh::Bands;
 use volseggs_kernels::shading::{Light, MATERIAL, Material, Shading};
 
 /// Name of the normals among a Gaussian's attributes, see [`HostGaussians::columns`].
@@ -113,8 +114,9 @@ impl HostShading {
 }
 
 impl HostGaussians {
-    /// The same Gaussians without shading. Their spherical harmonics approximate the appearance under a headlight as
-    /// closely as degree 2, or their own degree if higher, allows: for files and programs that know harmonics alone.
+    /// The same Gaussians without shading, in spherical harmonics of all bands up to degree 3: for files and programs that
+    /// know these alone. They approximate the appearance under a headlight as closely as degree 2, or their own degree if
+    /// higher, allows; of even bands, which are orthogonal to each other, those up to degree 2 stay and band 4 is lost.
     ///
     /// The headlight term of a normal `n` depends on `|n.d|` alone, where `d` is the view direction, so by the
     /// Funk-Hecke theorem its coefficient of band `l` is `Y_l(n)` times `2 pi` times the integral of `g(t) P_l(t)` over
@@ -122,6 +124,14 @@ impl HostGaussians {
     /// bands vanish.
     #[must_use]
     pub fn baked(&self) -> Self {
+        if Bands::of_any(self.sh_stride) == Bands::Even {
+            let mut sh = vec![0.0; 27 * self.len()];
+            for (new, old) in sh.chunks_exact_mut(27).zip(self.sh.chunks_exact(3 * self.sh_stride)) {
+                new[..3].copy_from_slice(&old[..3]);
+                new[12..].copy_from_slice(&old[3..18]);
+            }
+            return Self { sh, sh_stride: 9, ..self.clone() }.baked();
+        }
         let Some(shading) = &self.shading else { return self.clone() };
         let Material { ambient, specular, exponent } = Material::from_trained(shading.material);
         let sphere = 4.0 * std::f32::consts::PI;
@@ -163,7 +173,24 @@ impl HostGaussians {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::sh::basis_of;
     use volseggs_kernels::shading::reference::{Lit, colour};
+
+    #[test]
+    fn baked_even_bands_lose_only_the_fourth() {
+        for k in [6, 15] {
+            let sh: Vec<f32> = (0..3 * k).map(|i| 0.1 * (i as f32 + 1.0).sin()).collect();
+            let mut upto_2 = sh.clone();
+            upto_2[18..].fill(0.0);
+            let baked = HostGaussians { sh, ..HostGaussians::zeros(1, k) }.baked();
+            assert_eq!((baked.sh_stride, baked.sh_degree(), baked.mismatched_column()), (9, 2, None));
+            for d in crate::segment::colour::fibonacci_sphere(50) {
+                let value = |sh: &[f32], y: [f32; 16]| sh.chunks_exact(3).zip(y).map(|(c, y)| c[1] * y).sum::<f32>();
+                let (new, old) = (value(&baked.sh, basis(d)), value(&upto_2, basis_of(k, d)));
+                assert!((new - old).abs() < 1e-6, "{k}: {new} {old}");
+            }
+        }
+    }
 
     #[test]
     fn baked_harmonics_are_the_projection_of_what_is_shaded() {

@@ -5,6 +5,7 @@ use super::embedding::HostEmbedding;
 use super::host::HostGaussians;
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
+use volseggs_kernels::sh::Bands;
 use volseggs_kernels::splat::SplatInputs;
 
 /// N canonical Gaussians.
@@ -70,8 +71,8 @@ impl Gaussians {
         self.means.dims()[0]
     }
 
-    /// Spherical-harmonics degree that the coefficients allow.
+    /// Highest spherical-harmonics degree of the coefficients.
     pub fn sh_degree(&self) -> usize {
-        self.sh.dims()[1].isqrt() - 1
+        Bands::of(self.sh.dims()[1]).map_or(0, |(_, degree)| degree)
     }
 }

@@ -6,9 +6,11 @@
 use super::appearance::{HostShading, NORMALS};
 use super::embedding::{EMBEDDING, HostEmbedding};
 use super::params::to_vec;
+use super::size;
 use crate::config::types::ModelConfig;
 use burn::tensor::{Device, Tensor, TensorData};
 use volseggs_kernels::activation::sigmoid;
+use volseggs_kernels::sh::Bands;
 use volseggs_kernels::splat::SplatInputs;
 
 /// Width of each attribute that every Gaussian has, with K = `sh_stride` coefficients.
@@ -101,7 +103,7 @@ impl HostGaussians {
     pub fn one(model: &ModelConfig) -> Self {
         let shading = HostShading::first(model, 1, 0);
         let embedding = HostEmbedding::first(model.embedding, 1);
-        Self { shading, embedding, ..Self::zeros(1, (model.sh_degree + 1).pow(2)) }
+        Self { shading, embedding, ..Self::zeros(1, size::coefficients(model) as usize) }
     }
 
     /// New Gaussians with the same attributes, each column computed by `f` from the old one.
@@ -134,10 +136,10 @@ impl HostGaussians {
         self.opacity_logits.is_empty()
     }
 
-    /// Spherical-harmonics degree that corresponds to K, 0 to 3.
+    /// Highest spherical-harmonics degree of K coefficients, 0 to 3, or 4 with even bands alone.
     #[must_use]
     pub fn sh_degree(&self) -> usize {
-        self.sh_stride.isqrt().saturating_sub(1)
+        Bands::of(self.sh_stride).map_or(0, |(_, degree)| degree)
     }
 
     /// The first attribute that does not hold N rows of its width, as `(column, expected number of values)`.

@@ -3,7 +3,7 @@
 
 use super::encoder_definition::find_encoder;
 use super::rendering::check_dilation;
-use crate::config::types::{Appearance, DecoderKind, EncoderKind, ModelConfig};
+use crate::config::types::{Appearance, DecoderKind, EncoderKind, ModelConfig, ShBands};
 use crate::memory::product;
 use volseggs_kernels::changes::{COLUMNS, WIDTHS};
 
@@ -17,8 +17,12 @@ pub(super) const MAX_DEPTH: usize = 64;
 /// # Errors
 /// The first such key with its value and the allowed range.
 pub fn check_model(config: &ModelConfig) -> Result<(), String> {
-    if config.sh_degree > 3 {
-        return Err(format!("model.sh_degree = {}: at most 3", config.sh_degree));
+    match (config.sh_bands, config.sh_degree) {
+        (ShBands::All, 0..=3) | (ShBands::Even, 0 | 2 | 4) => {}
+        (ShBands::All, degree) => return Err(format!("model.sh_degree = {degree}: at most 3")),
+        (ShBands::Even, degree) => {
+            return Err(format!("model.sh_degree = {degree}: with model.sh_bands = \"even\" 0, 2 or 4"));
+        }
     }
     for (name, value) in [
         ("levels", config.levels),
@@ -60,10 +64,21 @@ fn check_implicit(config: &ModelConfig) -> Result<(), String> {
     Ok(())
 }
 
+/// Number of spherical-harmonics coefficients K per Gaussian and channel.
+#[must_use]
+pub fn coefficients(config: &ModelConfig) -> u128 {
+    let degree = config.sh_degree as u128;
+    match config.sh_bands {
+        ShBands::All => degree.saturating_add(1).saturating_pow(2),
+        // one function in band 0, five in band 2, nine in band 4
+        ShBands::Even => (degree / 2).saturating_add(1).saturating_mul(degree.saturating_add(1)),
+    }
+}
+
 /// Number of values per Gaussian: spherical harmonics, embedding and the other attributes.
 #[must_use]
 pub fn attributes(config: &ModelConfig) -> u128 {
-    let coefficients = (config.sh_degree as u128).saturating_add(1).saturating_pow(2);
+    let coefficients = coefficients(config);
     let normal = if config.appearance == Appearance::Headlight { 3 } else { 0 };
     let others = (config.embedding as u128).saturating_add(3 + 4 + 3 + 1 + normal);
     coefficients.saturating_mul(3).saturating_add(others)

@@ -3,7 +3,7 @@
 
 use super::Trainer;
 use super::checkpoint::{self, State};
-use crate::config::types::{Appearance, Config, EncoderKind, TimeCurve};
+use crate::config::types::{Appearance, Config, EncoderKind, ShBands, TimeCurve};
 use crate::data::Dataset;
 use crate::data::dataset::{OpenOptions, tests::dataset};
 use crate::device::DeviceName;
@@ -153,4 +153,33 @@ fn harmonics_alone_have_no_parameter_of_shading() {
     let more: Vec<&String> = shaded.iter().filter(|name| !plain.contains(name)).collect();
     assert_eq!(more, ["gaussians.headlight.material", "gaussians.headlight.normals"]);
     assert_eq!(shaded.len(), plain.len() + 2);
+}
+
+#[test]
+fn even_bands_are_trained_one_after_the_other_and_drawn_from_their_file_alike() {
+    let (mut config, data, folder) = (config(Appearance::Sh), data(), tempfile::tempdir().unwrap());
+    (config.model.sh_bands, config.model.sh_degree, config.stages.sh_every) = (ShBands::Even, 4, 5);
+    let mut trainer = Trainer::new(config, &data, &device()).unwrap();
+    let mut degrees = Vec::new();
+    for _ in 0..24 {
+        assert!(trainer.step(&data.train).unwrap().loss.is_finite());
+        degrees.push(trainer.scene().spec.sh_degree);
+    }
+    degrees.dedup();
+    assert_eq!(degrees, [0, 2, 4]);
+    let path = folder.path().join("scene.safetensors");
+    trainer.scene().save(&path).unwrap();
+    let read = Scene::load(&path, &device()).unwrap();
+    let host = read.gaussians.to_host();
+    assert_eq!((host.len(), host.sh_stride, host.sh_degree(), host.mismatched_column()), (260, 15, 4, None));
+    assert!(host.sh.chunks_exact(45).any(|sh| sh[18..].iter().all(|v| *v != 0.0)), "band 4 is trained");
+    let camera = data.train.frames[1].camera.to_kernel();
+    let picture = read.render(camera, 0.4);
+    assert_eq!(picture, trainer.scene().render(camera, 0.4));
+    // without band 4, as other programs draw it
+    let rendering = Rendering { sh_degree: 2, ..read.spec.rendering() };
+    let draw = |g: &HostGaussians| crate::segment::pictures::draw(g, rendering.seen_by(camera), &device());
+    let (baked, upto_2) = (draw(&read.host_at(0.4).baked()), draw(&read.host_at(0.4)));
+    assert!(baked.iter().zip(&upto_2).all(|(a, b)| (a - b).abs() < 1e-5));
+    assert_ne!(upto_2, picture);
 }

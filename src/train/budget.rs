@@ -4,6 +4,7 @@
 use super::TrainError;
 use super::due::Span;
 use crate::config::types::{Config, DensifyMode};
+use crate::data::Split;
 use crate::memory::Budget;
 use crate::model::{d3dgs, size};
 
@@ -29,6 +30,14 @@ pub(crate) struct Views {
     pub count: usize,
     /// Pixels per image.
     pub pixels: usize,
+}
+
+impl Views {
+    /// Returns those of a split.
+    pub(crate) fn of(split: &Split) -> Self {
+        let (width, height) = (split.images.width as usize, split.images.height as usize);
+        Self { count: split.frames.len(), pixels: width.saturating_mul(height) }
+    }
 }
 
 /// Refuses a training that needs more memory than `budget`; `on_gpu`, only the tensors' copies on the host count.

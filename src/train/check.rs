@@ -66,7 +66,7 @@ pub(crate) fn check_device(
     let Some(limit) = crate::device::largest_buffer(device) else { return Ok(()) };
     let n = usize::try_from(max_gaussians(config)).unwrap_or(usize::MAX).max(start);
     let m = &config.model;
-    let colours = (m.sh_degree as u128).saturating_add(1).saturating_pow(2).saturating_mul(3);
+    let colours = size::coefficients(m).saturating_mul(3);
     // colours of one Gaussian, inputs of the decoder, width of the decoder, widest layer of an implicit network
     let (colours, seen, width, widest) = match (&config.fourdgs, &config.d3dgs) {
         (Some(in_time), _) => (in_time.colours(m.sh_degree), 0, 0, 0),
@@ -252,6 +252,25 @@ fn check_budget(config: &Config) -> Result<(), TrainError> {
         ))),
         None => Ok(()),
     }
+}
+
+/// Returns what is allowed but hardly meant: Gaussians that are added until a run ends, as where a preset is shortened
+/// by its steps alone.
+#[must_use]
+pub fn advice(config: &Config) -> Option<String> {
+    let (densify, joint_steps) = (&config.densify, config.stages.joint_steps);
+    let adds = densify.mode != DensifyMode::Off && densify.joint_from < joint_steps;
+    (adds && densify.joint_until >= joint_steps && config.optim.average > 0).then(|| {
+        let defaults = Config::default();
+        let share = defaults.densify.joint_until as f64 / defaults.stages.joint_steps as f64;
+        format!(
+            "densify.joint_until = {}: Gaussians are added until the run ends (stages.joint_steps = {joint_steps}), and as \
+             each addition restarts the moving average, its result has none; in a shorter run, lower densify.joint_until \
+             too, here to {}",
+            densify.joint_until,
+            (share * joint_steps as f64).round()
+        )
+    })
 }
 
 /// Refuses opacity resets that never come.

@@ -5,7 +5,7 @@ use crate::data::Split;
 use crate::data::error::DataError;
 use crate::data::hull::{Aabb, HullOptions, VisualHull, sample_coloured};
 use crate::model::appearance::HostShading;
-use crate::model::{HostGaussians, SceneSpec};
+use crate::model::{HostGaussians, SceneSpec, size};
 use crate::rng::{Purpose, Rng};
 use glam::DVec3;
 use volseggs_kernels::activation::logit_f64;
@@ -37,7 +37,7 @@ pub fn initialise(
         }
     };
     let spacing = (volume / n as f64).cbrt();
-    let k = (config.model.sh_degree + 1).pow(2);
+    let k = size::coefficients(&config.model) as usize;
     let mut sh = vec![0.0; 3 * k * n];
     for (row, colour) in sh.chunks_exact_mut(3 * k).zip(&colours) {
         for c in 0..3 {

@@ -39,7 +39,7 @@ mod trainer;
 mod training;
 pub mod watch;
 
-pub use check::{check as check_config, evaluation_background};
+pub use check::{advice, check as check_config, evaluation_background};
 pub use error::TrainError;
 pub use open::{open_dataset, open_measured, open_trained, trained_times};
 pub use report::{StepReport, StepTimes};

@@ -1,7 +1,7 @@
 //! What depends on the step alone: the stage, learning rates, the spherical-harmonics degree, the view.
 
 use super::rate_schedule::find_schedule;
-use crate::config::types::{Config, DecayOver, OptimConfig, ViewOrder};
+use crate::config::types::{Config, DecayOver, OptimConfig, ShBands, ViewOrder};
 use crate::model::appearance::MATERIAL_NAME;
 use crate::rng::{Purpose, Rng};
 
@@ -21,10 +21,15 @@ impl Stage {
         if step < warmup { Self::Warmup(step) } else { Self::Joint(step - warmup) }
     }
 
-    /// The spherical-harmonics degree in use: one higher every `stages.sh_every` steps of the run, up to the maximum.
+    /// The spherical-harmonics degree in use: one band higher every `stages.sh_every` steps of the run, up to the
+    /// maximum.
     pub fn sh_degree(self, config: &Config) -> usize {
-        let every = config.stages.sh_every;
-        self.step_of_run(config).checked_div(every).map_or(config.model.sh_degree, |d| d.min(config.model.sh_degree))
+        let (every, most) = (config.stages.sh_every, config.model.sh_degree);
+        let step = match config.model.sh_bands {
+            ShBands::All => 1,
+            ShBands::Even => 2,
+        };
+        self.step_of_run(config).checked_div(every).map_or(most, |bands| (step * bands).min(most))
     }
 
     /// Progress of the learning rates in [0, 1]: over `optim.warmup_decay_steps` in warm-up, over the whole stage in

@@ -57,12 +57,7 @@ impl Trainer {
     /// If the configuration contradicts itself or training cannot start with the data.
     pub fn new(config: Config, dataset: &Dataset, device: &Device) -> Result<Self, TrainError> {
         check(&config)?;
-        let images = &dataset.train.images;
-        let views = Views {
-            count: dataset.train.frames.len(),
-            pixels: (images.width as usize).saturating_mul(images.height as usize),
-        };
-        check_memory(&config, views, crate::device::runs_ahead(device), Budget::now())?;
+        check_memory(&config, Views::of(&dataset.train), crate::device::runs_ahead(device), Budget::now())?;
         let shown = evaluation_background(&config.data.background)?;
         let (mut gaussians, spec) = init::initialise(&dataset.train, &config, shown)?;
         if config.speed.sort_every > 0 {

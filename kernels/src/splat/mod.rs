@@ -25,6 +25,7 @@ pub mod reference;
 mod views;
 
 use crate::Camera;
+use crate::sh::Bands;
 use crate::shading::{Shading, shaded};
 use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{Backend, Dispatch, ExtensionType, backend_extension};
@@ -60,7 +61,8 @@ pub struct SplatSettings {
     pub camera: Camera,
     /// Background colour, RGB.
     pub background: [f32; 3],
-    /// Spherical-harmonics degree in use, 0 to 3; coefficients beyond it are ignored and get no gradient.
+    /// Spherical-harmonics degree in use, 0 to 3, or to 4 where the coefficients are of even bands; those beyond it are
+    /// ignored and get no gradient.
     pub sh_degree: usize,
     /// Added to the diagonal of the projected covariance, pixels squared, so that a small Gaussian does not fall
     /// between pixel centres; 0 to [`MAX_DILATION`], [`DILATION`] in 3DGS.
@@ -175,7 +177,7 @@ pub struct SplatInputs {
     pub log_scales: Tensor<2>,
     /// Opacity before the sigmoid `[N]`.
     pub opacity_logits: Tensor<1>,
-    /// Spherical-harmonics coefficients `[N, K, 3]`, K in 1, 4, 9, 16.
+    /// Spherical-harmonics coefficients `[N, K, 3]`: of all bands, K in 1, 4, 9, 16, or of even ones, K in 6, 15.
     pub sh: Tensor<3>,
     /// Pixel offsets added to the projected means `[N, 2]`; pass zeros. Their gradient is the screen-space gradient
     /// that densification needs. `None` if it is not needed.
@@ -249,11 +251,10 @@ fn check_common(
     let [n_sh, k, channels] = sh.dims();
     assert_eq!((n_sh, channels), (n, 3), "splat: sh are [N, K, 3] with N = {n}");
     let degree = settings.sh_degree;
-    assert!(
-        degree <= 3 && (degree + 1).pow(2) <= k,
-        "splat: degree {degree} needs {} coefficients, sh has {k}",
-        (degree + 1).pow(2)
-    );
+    match Bands::of(k) {
+        Some((_, most)) => assert!(degree <= most, "splat: degree {degree} is in use, {k} coefficients allow {most}"),
+        None => panic!("splat: sh has {k} coefficients, expected 1, 4, 9 or 16 of all bands, or 6 or 15 of even ones"),
+    }
     let dilation = settings.dilation;
     assert!(
         (0.0..=MAX_DILATION).contains(&dilation),

@@ -3,6 +3,7 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 use volseggs_kernels::Camera;
+use volseggs_kernels::sh::Bands;
 use volseggs_kernels::splat::{CovarianceInputs, DILATION, SplatInputs, SplatSettings, reference::Scene};
 use volseggs_kernels::splat::{splat, splat_covariances};
 use volseggs_testing::skip_device;
@@ -111,10 +112,22 @@ impl Numbers {
     }
 }
 
-/// Returns `n` random Gaussians in a ball of radius about 1.
+/// Every number of spherical-harmonics coefficients: of all bands, and of the even ones.
+pub const COEFFICIENTS: [usize; 6] = [1, 4, 9, 16, 6, 15];
+
+/// Returns the highest degree of that many coefficients.
+pub fn highest_degree(coefficients: usize) -> usize {
+    Bands::of(coefficients).map(|(_, degree)| degree).unwrap()
+}
+
+/// Returns `n` random Gaussians in a ball of radius about 1, with colours of `degree`.
 pub fn random_scene(n: usize, degree: usize, seed: u64) -> Scene {
+    random_scene_of(n, (degree + 1) * (degree + 1), seed)
+}
+
+/// As [`random_scene`], with one of [`COEFFICIENTS`].
+pub fn random_scene_of(n: usize, stride: usize, seed: u64) -> Scene {
     let mut r = Numbers(seed);
-    let stride = (degree + 1) * (degree + 1);
     Scene {
         means: (0..3 * n).map(|_| 0.4 * r.normal()).collect(),
         rotations: (0..4 * n).map(|_| r.normal()).collect(),

@@ -25,6 +25,7 @@ impl Default for Config {
             },
             model: ModelConfig {
                 sh_degree: 3,
+                sh_bands: ShBands::All,
                 appearance: Appearance::Sh,
                 encoder: EncoderKind::Factorised,
                 extra_encoder: String::new(),

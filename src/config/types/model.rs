@@ -7,9 +7,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ModelConfig {
-    /// Spherical-harmonics degree, 0 to 3; with `appearance = "headlight"` the degree of the residual after shading, 0
-    /// for none.
+    /// Spherical-harmonics degree, 0 to 3, or 0, 2 or 4 with `sh_bands = "even"`; with `appearance = "headlight"` the
+    /// degree of the residual after shading, 0 for none.
     pub sh_degree: usize,
+    /// Bands of the spherical harmonics: `all` (as in 3DGS and the paper), or `even`: a colour is then the same from
+    /// opposite sides, as under a headlight that shades both sides of a surface alike.
+    #[serde(default)] // scenes that predate this key can still be loaded
+    pub sh_bands: ShBands,
     /// Colours as functions of direction (`sh`, as in 3DGS and the paper), or a base colour and a normal under a
     /// headlight (`headlight`).
     #[serde(default)] // scenes that predate this key can still be loaded
@@ -73,6 +77,17 @@ pub struct ModelConfig {
     pub bias_init: BiasInit,
     /// Whether opacity changes over time.
     pub deform_opacity: bool,
+}
+
+/// Bands of the spherical harmonics.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ShBands {
+    /// All up to the degree.
+    #[default]
+    All,
+    /// The even ones up to the degree.
+    Even,
 }
 
 /// What determines a Gaussian's colour.

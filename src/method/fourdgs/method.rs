@@ -2,7 +2,7 @@
 
 use super::model::Scene4d;
 use super::training::Fit;
-use crate::config::types::{Appearance, Config, DensifyMode, EncoderKind, WarmupTimes};
+use crate::config::types::{Appearance, Config, DensifyMode, EncoderKind, ShBands, WarmupTimes};
 use crate::data::Dataset;
 use crate::method::{Method, Model, Training};
 use crate::model::SceneError;
@@ -67,6 +67,11 @@ fn check_shared(config: &Config) -> Result<(), String> {
             config.model.appearance != Appearance::Sh,
             "model.appearance = \"headlight\"".to_owned(),
             "its Gaussians have no normals; set it to \"sh\"",
+        ),
+        (
+            config.model.sh_bands != ShBands::All,
+            "model.sh_bands = \"even\"".to_owned(),
+            "its harmonics of direction and time have all bands; remove the key",
         ),
         (
             config.model.encoder != EncoderKind::Factorised,

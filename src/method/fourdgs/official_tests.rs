@@ -6,7 +6,7 @@ use super::{ColourSeries, Gaussians4d, rotation_matrices};
 use crate::model::params::to_vec;
 use burn::module::Param;
 use burn::tensor::{Device, Tensor, TensorData};
-use volseggs_kernels::sh::basis;
+use volseggs_kernels::sh::{Bands, basis};
 
 const TIME: f32 = 0.4;
 const ROTATION: [f32; 16] = [
@@ -52,7 +52,7 @@ fn numbers_are_those_of_the_official_code(device: Device) {
     close("marginal", &to_vec(of.moment(TIME).log_marginals.exp()), &MARGINALS);
     let sh = to_vec(at.sh);
     let colour = |i: usize, c: usize| -> f32 {
-        let values = basis(DIRECTIONS[i], 3);
+        let values = basis(DIRECTIONS[i], 3, Bands::All);
         values.iter().enumerate().map(|(k, v)| v * sh[48 * i + 3 * k + c]).sum()
     };
     let colours: Vec<f32> = (0..6).map(|k| colour(k / 3, k % 3)).collect();

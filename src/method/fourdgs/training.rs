@@ -61,9 +61,8 @@ impl Fit {
     ) -> Result<Self, TrainError> {
         let images = &dataset.train.images;
         let size = [images.width as usize, images.height as usize];
-        let views = Views { count: dataset.train.frames.len(), pixels: size[0].saturating_mul(size[1]) };
         let runs_ahead = crate::device::runs_ahead(device);
-        check_memory(config, views, runs_ahead, Budget::now())?;
+        check_memory(config, Views::of(&dataset.train), runs_ahead, Budget::now())?;
         check_device(config, config.init.points, size, device)?;
         let shown = evaluation_background(&config.data.background)?;
         let device = device.clone().autodiff();

@@ -5,7 +5,7 @@ use super::covariance::{Covariance, Covariances, dot};
 use super::lanes::{LOG2_E, wide};
 use crate::activation::sigmoid;
 use crate::backend::filled;
-use crate::sh;
+use crate::sh::{self, Bands};
 use crate::splat::{ALPHA_MIN, NEAR, SplatSettings};
 use rayon::prelude::*;
 
@@ -150,8 +150,9 @@ fn project_one(
     let radius = (3.0 * lambda.sqrt()).ceil().min(1e9) as i32;
 
     let (direction, _) = view_direction(mean, eye);
-    let b = sh::basis(direction, settings.sh_degree);
-    let count = (settings.sh_degree + 1) * (settings.sh_degree + 1);
+    let bands = Bands::of_any(a.sh_stride);
+    let b = sh::basis(direction, settings.sh_degree, bands);
+    let count = bands.count(settings.sh_degree);
     let coefficients = &a.sh[3 * a.sh_stride * i..][..3 * count];
     let mut colour = [0.5f32; 3];
     for (k, c) in coefficients.chunks_exact(3).enumerate() {

@@ -6,9 +6,10 @@ use super::blend_backward::ScreenGradient;
 use super::covariance::{Covariances, Gradient};
 use super::lanes::wide;
 use super::project::{Projection, Splat2d, row, view_direction};
+use crate::Camera;
 use crate::backend::zeros;
+use crate::sh::{self, Bands};
 use crate::splat::SplatSettings;
-use crate::{Camera, sh};
 use rayon::prelude::*;
 
 /// Gradients of every input, row-major.
@@ -113,15 +114,16 @@ fn one(
     let v_colour: [f32; 3] = std::array::from_fn(|c| if splat.colour[c] > 0.0 { g[6 + c] } else { 0.0 });
     let (direction, inverse_distance) = view_direction(mean, eye);
     let degree = settings.sh_degree;
-    let count = (degree + 1) * (degree + 1);
-    let basis = sh::basis(direction, degree);
+    let bands = Bands::of_any(a.sh_stride);
+    let count = bands.count(degree);
+    let basis = sh::basis(direction, degree, bands);
     for k in 0..count {
         for c in 0..3 {
             sh_out[3 * k + c] = basis[k] * v_colour[c];
         }
     }
     if degree > 0 {
-        let derivative = sh::basis_derivative(direction, degree);
+        let derivative = sh::basis_derivative(direction, degree, bands);
         let coefficients = &a.sh[3 * a.sh_stride * i..][..3 * count];
         let mut v = [0.0f32; 3];
         for (k, c) in coefficients.chunks_exact(3).enumerate().skip(1) {

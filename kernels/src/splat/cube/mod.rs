@@ -21,6 +21,7 @@ mod views;
 
 use super::{CovarianceTensors, SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, empty_i32, rows};
+use crate::sh::Bands;
 use bin::Bins;
 use burn::backend::tensor::FloatTensor;
 use burn_cubecl::CubeBackend;
@@ -130,6 +131,7 @@ pub(super) fn binned(inputs: SplatTensors<CubeBackend>, settings: &SplatSettings
         n as u32,
         sh.meta.shape()[1] as u32,
         settings.sh_degree as u32,
+        Bands::of_any(sh.meta.shape()[1]) == Bands::Even,
         source.entries(),
     );
     let tiles = tiles(settings);
@@ -272,6 +274,7 @@ impl SplatBackwardOps for CubeBackend {
             bins.capacity as u32,
             sh_stride as u32,
             settings.sh_degree as u32,
+            Bands::of_any(sh_stride) == Bands::Even,
             source.entries(),
         );
         SplatTensors {

@@ -1,7 +1,7 @@
 //! Projection of each Gaussian to the screen. The same arithmetic as on the CPU, in the same order.
 
 use super::covariance::on_screen;
-use super::sh::basis;
+use super::sh::{basis, count};
 use crate::cube::is_finite;
 use crate::splat::{ALPHA_MIN, NEAR, SplatSettings};
 use burn_cubecl::cubecl;
@@ -117,6 +117,7 @@ pub(super) fn project(
     n: u32,
     sh_stride: u32,
     #[comptime] degree: u32,
+    #[comptime] even: bool,
     #[comptime] entries: bool,
 ) {
     if ABSOLUTE_POS < n as usize {
@@ -141,12 +142,12 @@ pub(super) fn project(
         let d = view_direction(means, camera, i);
         let base = i * 3 * sh_stride as usize;
         let mut b = Array::<f32>::new(16usize);
-        basis(&mut b, d.x, d.y, d.z, degree);
+        basis(&mut b, d.x, d.y, d.z, degree, even);
         let mut red = 0.5f32;
         let mut green = 0.5f32;
         let mut blue = 0.5f32;
         #[unroll]
-        for k in 0..comptime!(((degree + 1) * (degree + 1)) as usize) {
+        for k in 0..comptime!(count(degree, even)) {
             red += b[k] * sh[base + 3 * k];
             green += b[k] * sh[base + 3 * k + 1];
             blue += b[k] * sh[base + 3 * k + 2];

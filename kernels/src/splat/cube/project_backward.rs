@@ -3,7 +3,7 @@
 
 use super::covariance::{backward, no_gradient};
 use super::project::{view, view_direction};
-use super::sh::{basis, basis_derivative};
+use super::sh::{basis, basis_derivative, count};
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
@@ -30,6 +30,7 @@ pub(super) fn project_backward(
     capacity: u32,
     sh_stride: u32,
     #[comptime] degree: u32,
+    #[comptime] even: bool,
     #[comptime] entries: bool,
 ) {
     let rank = ABSOLUTE_POS;
@@ -73,6 +74,7 @@ pub(super) fn project_backward(
                 out_offsets,
                 width,
                 degree,
+                even,
                 entries,
             );
         } else {
@@ -109,6 +111,7 @@ fn one(
     out_offsets: &mut [f32],
     width: usize,
     #[comptime] degree: u32,
+    #[comptime] even: bool,
     #[comptime] entries: bool,
 ) {
     let at_camera = view(means, camera, i);
@@ -166,8 +169,8 @@ fn one(
     let blue = select(screen[i * 12 + 8] > 0.0f32, g[8], 0.0f32);
     let d = view_direction(means, camera, i);
     let mut b = Array::<f32>::new(16usize);
-    basis(&mut b, d.x, d.y, d.z, degree);
-    let used = comptime!(((degree + 1) * (degree + 1)) as usize);
+    basis(&mut b, d.x, d.y, d.z, degree, even);
+    let used = comptime!(count(degree, even));
     let base = i * width;
     #[unroll]
     for k in 0..used {
@@ -182,7 +185,7 @@ fn one(
         let mut by_x = Array::<f32>::new(16usize);
         let mut by_y = Array::<f32>::new(16usize);
         let mut by_z = Array::<f32>::new(16usize);
-        basis_derivative(&mut by_x, &mut by_y, &mut by_z, d.x, d.y, d.z, degree);
+        basis_derivative(&mut by_x, &mut by_y, &mut by_z, d.x, d.y, d.z, degree, even);
         let mut vx = 0.0f32;
         let mut vy = 0.0f32;
         let mut vz = 0.0f32;

@@ -1,7 +1,7 @@
 //! Gradients of the reference image, in f64, by the chain rule over plain matrices. Nothing is shared with the kernels,
 //! and blending is differentiated in another form: by the light from behind a Gaussian, accumulated from the back.
 
-use super::{Cutoffs, Geometry, Projected, Scene, conic, drawn, geometry, pixel_centres, sh_basis, unit};
+use super::{Cutoffs, Geometry, Projected, Scene, basis_of, conic, drawn, geometry, pixel_centres, unit};
 use crate::splat::SplatSettings;
 
 /// The gradient of a loss with respect to a Gaussian on screen.
@@ -185,25 +185,25 @@ fn colour_backward(
     let (direction, length) = unit(g.direction);
     let by_colour: [f64; 3] = std::array::from_fn(|c| if projected.colour[c] > 0.0 { by.colour[c] } else { 0.0 });
     let mut by_basis = Vec::new();
-    for (k, basis) in sh_basis(direction, degree).into_iter().enumerate() {
+    for (k, basis) in basis_of(scene, direction, degree).into_iter().enumerate() {
         let row = (scene.sh_stride * i + k) * 3;
         (0..3).for_each(|c| out.sh[row + c] = basis * by_colour[c]);
         by_basis.push((0..3).map(|c| scene.sh[row + c] * by_colour[c]).sum::<f64>());
     }
     let by_unit: [f64; 3] = std::array::from_fn(|axis| {
-        basis_derivative(direction, axis, degree).iter().zip(&by_basis).map(|(d, by)| d * by).sum()
+        basis_derivative(scene, direction, axis, degree).iter().zip(&by_basis).map(|(d, by)| d * by).sum()
     });
     let along: f64 = by_unit.iter().zip(&direction).map(|(a, b)| a * b).sum();
     std::array::from_fn(|k| (by_unit[k] - along * direction[k]) / length)
 }
 
 /// Returns the derivative of the basis with respect to one coordinate of the direction. The basis consists of
-/// polynomials of degree 3 at most, for which this difference quotient is the exact derivative.
-fn basis_derivative(direction: [f64; 3], axis: usize, degree: usize) -> Vec<f64> {
+/// polynomials of degree 4 at most, for which this difference quotient is the exact derivative.
+fn basis_derivative(scene: &Scene, direction: [f64; 3], axis: usize, degree: usize) -> Vec<f64> {
     let at = |step: f64| {
         let mut moved = direction;
         moved[axis] += step;
-        sh_basis(moved, degree)
+        basis_of(scene, moved, degree)
     };
     let (near, far) = ([at(1.0), at(-1.0)], [at(2.0), at(-2.0)]);
     (0..near[0].len()).map(|k| (8.0 * (near[0][k] - near[1][k]) - (far[0][k] - far[1][k])) / 12.0).collect()

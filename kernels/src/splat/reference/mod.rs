@@ -241,7 +241,7 @@ fn project(scene: &Scene, i: usize, settings: &SplatSettings) -> Option<Projecte
     let camera = &settings.camera;
     let g = geometry(scene, i, settings);
     let (conic, det) = conic(g.covariance);
-    let basis = sh_basis(unit(g.direction).0, settings.sh_degree);
+    let basis = basis_of(scene, unit(g.direction).0, settings.sh_degree);
     let colour: [f64; 3] = std::array::from_fn(|c| {
         let sum: f64 = basis.iter().enumerate().map(|(k, b)| b * scene.sh[(scene.sh_stride * i + k) * 3 + c]).sum();
         // not `f64::max`, which would turn NaN into 0: the kernels cull such a Gaussian
@@ -262,6 +262,17 @@ fn project(scene: &Scene, i: usize, settings: &SplatSettings) -> Option<Projecte
         opacity,
         colour,
     })
+}
+
+/// Returns the basis functions of a scene's coefficients up to `degree`: of even bands alone where their number is that
+/// of even ones.
+fn basis_of(scene: &Scene, direction: [f64; 3], degree: usize) -> Vec<f64> {
+    let all = sh_basis(direction, degree);
+    if ![6, 15].contains(&scene.sh_stride) {
+        return all;
+    }
+    let even = |k: usize| k.isqrt().is_multiple_of(2);
+    (0..all.len()).filter(|&k| even(k)).map(|k| all[k]).collect()
 }
 
 /// Returns the `(degree + 1)^2` spherical harmonics, in the order and signs of 3DGS, from their definition and
@@ -291,6 +302,24 @@ fn sh_basis([x, y, z]: [f64; 3], degree: usize) -> Vec<f64> {
             -c1 * x * (4.0 * z * z - x * x - y * y),
             0.5 * c2 * z * (x * x - y * y),
             -c3 * x * (x * x - 3.0 * y * y),
+        ]);
+    }
+    if degree >= 4 {
+        let c4 = 0.75 * (35.0 / PI).sqrt();
+        let c3 = 0.75 * (35.0 / (2.0 * PI)).sqrt();
+        let c2 = 0.75 * (5.0 / PI).sqrt();
+        let c1 = 0.75 * (5.0 / (2.0 * PI)).sqrt();
+        let c0 = 3.0 / 16.0 * (1.0 / PI).sqrt();
+        b.extend([
+            c4 * x * y * (x * x - y * y),
+            -c3 * y * z * (3.0 * x * x - y * y),
+            c2 * x * y * (7.0 * z * z - 1.0),
+            -c1 * y * z * (7.0 * z * z - 3.0),
+            c0 * (35.0 * z.powi(4) - 30.0 * z * z + 3.0),
+            -c1 * x * z * (7.0 * z * z - 3.0),
+            0.5 * c2 * (x * x - y * y) * (7.0 * z * z - 1.0),
+            -c3 * x * z * (x * x - 3.0 * y * y),
+            0.25 * c4 * (x.powi(4) - 6.0 * x * x * y * y + y.powi(4)),
         ]);
     }
     b
