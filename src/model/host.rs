@@ -31,7 +31,7 @@ pub struct HostGaussians {
     pub opacity_logits: Vec<f32>,
     /// Spherical-harmonics coefficients `[N, K, 3]`.
     pub sh: Vec<f32>,
-    /// K: 1, 4, 9 or 16.
+    /// K: 1, 4, 9 or 16, or 6 or 15 with even bands alone.
     pub sh_stride: usize,
     /// Shading, if any: the first coefficients are then base colours, see [`super::appearance`].
     pub shading: Option<HostShading>,

@@ -110,7 +110,11 @@ fn clamp(value: f32) -> f32 {
     if value.is_finite() { value.max(0.0) } else { f32::NAN }
 }
 
-fn check(sh: &[f32], coefficients: usize) -> Result<usize, PointsError> {
+/// Returns the number N of Gaussians with these coefficients `[N, K, 3]`.
+///
+/// # Errors
+/// If no degree has K coefficients, or `sh` is not a whole number of blocks.
+pub(super) fn check(sh: &[f32], coefficients: usize) -> Result<usize, PointsError> {
     if Bands::of(coefficients).is_none() {
         let value = coefficients.to_string();
         return Err(PointsError::Setting { field: "coefficients", value, want: "1, 4, 9 or 16, or 6 or 15" });

@@ -6,10 +6,10 @@
 //! components*, 1985), so their hue is that of `base` and, apart from highlights, so is the ratio of chroma to
 //! brightness.
 
-use super::colour::fibonacci_sphere;
+use super::colour::{check, fibonacci_sphere};
 use crate::model::sh;
 use crate::points::chunks::map_chunks;
-use crate::points::error::{PointsError, rows};
+use crate::points::error::PointsError;
 
 /// Number of directions in which the colour of a Gaussian is sampled.
 const DIRECTIONS: usize = 48;
@@ -46,14 +46,12 @@ pub struct Materials {
 /// clamped to `[0, 1]`. Directions in which the harmonics leave that range, or the plane, count less.
 ///
 /// # Errors
-/// `coefficients` not 1, 4, 9 or 16, or `sh` not a whole number of `[coefficients, 3]` blocks.
+/// `coefficients` not 1, 4, 9 or 16, nor 6 or 15 as of even bands, or `sh` not a whole number of `[coefficients, 3]`
+/// blocks.
 pub fn materials(sh: &[f32], coefficients: usize) -> Result<Materials, PointsError> {
-    if !matches!(coefficients, 1 | 4 | 9 | 16) {
-        let value = coefficients.to_string();
-        return Err(PointsError::Setting { field: "coefficients", value, want: "1, 4, 9 or 16" });
-    }
-    let count = rows("sh", sh.len(), coefficients * 3, "[N, K, 3]")?;
-    let each: Vec<[f32; 16]> = fibonacci_sphere(DIRECTIONS).into_iter().map(sh::basis).collect();
+    let count = check(sh, coefficients)?;
+    let each: Vec<[f32; 16]> =
+        fibonacci_sphere(DIRECTIONS).into_iter().map(|d| sh::basis_of(coefficients, d)).collect();
     let bases: Vec<[f32; DIRECTIONS]> = (0..16).map(|k| std::array::from_fn(|d| each[d][k])).collect();
     let chunks = map_chunks(count, |range| {
         range.map(|i| fit(&sh[3 * coefficients * i..3 * coefficients * (i + 1)], &bases)).collect::<Vec<_>>()
@@ -194,6 +192,13 @@ mod tests {
         let dark = materials(&shaded(base, 0.02, 0.02, 0.0), 9).unwrap();
         assert!(dark.certainty[0] < 0.1 && plain.certainty[0] > 0.9, "{dark:?}");
         assert!((plain.full[0] - 0.7).abs() < 1e-3);
+    }
+
+    #[test]
+    fn even_bands_have_the_material_of_all_bands() {
+        let all = shaded([0.2, 0.5, 0.7], 0.3, 0.5, 0.1);
+        let even: Vec<f32> = [&all[..3], &all[12..]].concat();
+        assert_eq!(materials(&even, 6).unwrap(), materials(&all, 9).unwrap());
     }
 
     #[test]

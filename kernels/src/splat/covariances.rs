@@ -17,7 +17,7 @@ pub struct CovarianceInputs {
     pub covariances: Tensor<2>,
     /// Opacity before the sigmoid `[N]`.
     pub opacity_logits: Tensor<1>,
-    /// Spherical-harmonics coefficients `[N, K, 3]`, K in 1, 4, 9, 16.
+    /// Spherical-harmonics coefficients `[N, K, 3]`, K in 1, 4, 9, 16, or 6, 15 of even bands.
     pub sh: Tensor<3>,
     /// As [`super::SplatInputs::screen_offsets`] `[N, 2]`.
     pub screen_offsets: Option<Tensor<2>>,
