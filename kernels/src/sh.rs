@@ -119,15 +119,21 @@ fn band_2([x, y, z]: [f32; 3]) -> [f32; 5] {
 }
 
 #[inline(always)]
+fn derivative_of_band_2([x, y, z]: [f32; 3]) -> [[f32; 5]; 3] {
+    [
+        [C2[0] * y, 0.0, -2.0 * C2[1] * x, -C2[0] * z, 2.0 * C2[2] * x],
+        [C2[0] * x, -C2[0] * z, -2.0 * C2[1] * y, 0.0, -2.0 * C2[2] * y],
+        [0.0, -C2[0] * y, 4.0 * C2[1] * z, -C2[0] * x, 0.0],
+    ]
+}
+
+#[inline(always)]
 fn derivative_of_even(d: [f32; 3], degree: usize) -> [[f32; 16]; 3] {
     let [x, y, z] = d;
     let (mut dx, mut dy, mut dz) = ([0.0; 16], [0.0; 16], [0.0; 16]);
     if degree >= 2 {
-        (dx[1], dy[1]) = (C2[0] * y, C2[0] * x);
-        (dy[2], dz[2]) = (-C2[0] * z, -C2[0] * y);
-        (dx[3], dy[3], dz[3]) = (-2.0 * C2[1] * x, -2.0 * C2[1] * y, 4.0 * C2[1] * z);
-        (dx[4], dz[4]) = (-C2[0] * z, -C2[0] * x);
-        (dx[5], dy[5]) = (2.0 * C2[2] * x, -2.0 * C2[2] * y);
+        let band = derivative_of_band_2(d);
+        [&mut dx, &mut dy, &mut dz].into_iter().zip(band).for_each(|(to, band)| to[1..6].copy_from_slice(&band));
     }
     if degree >= 4 {
         let (xx, yy, zz) = (x * x, y * y, z * z);
@@ -182,11 +188,8 @@ fn derivative_of_all(d: [f32; 3], degree: usize) -> [[f32; 16]; 3] {
         dx[3] = -C1;
     }
     if degree >= 2 {
-        (dx[4], dy[4]) = (C2[0] * y, C2[0] * x);
-        (dy[5], dz[5]) = (-C2[0] * z, -C2[0] * y);
-        (dx[6], dy[6], dz[6]) = (-2.0 * C2[1] * x, -2.0 * C2[1] * y, 4.0 * C2[1] * z);
-        (dx[7], dz[7]) = (-C2[0] * z, -C2[0] * x);
-        (dx[8], dy[8]) = (2.0 * C2[2] * x, -2.0 * C2[2] * y);
+        let band = derivative_of_band_2(d);
+        [&mut dx, &mut dy, &mut dz].into_iter().zip(band).for_each(|(to, band)| to[4..9].copy_from_slice(&band));
     }
     if degree >= 3 {
         let (xx, yy, zz) = (x * x, y * y, z * z);
