@@ -1,7 +1,7 @@
 //! Real spherical harmonics up to degree 3, or the even ones up to degree 4, in the order and with the signs of 3DGS.
 //!
 //! Under a headlight that shades both sides of a surface alike, a colour is the same seen along `d` and along `-d`: its
-//! odd bands are zero, and the coefficients are better spent on band 4.
+//! odd bands are zero.
 //!
 //! The constants are those of the reference rasteriser, digit for digit; GPU kernels use them too. The oracle
 //! `splat::reference`, in f64 from the definition, and the rotation of coefficients in the main crate, which needs f64,
