@@ -13,6 +13,7 @@ use volseggs::config::types::Config;
 use volseggs::model::HostGaussians;
 use volseggs::model::Scene;
 use volseggs::model::scene::SceneSpec;
+use volseggs::model::size::coefficients;
 use volseggs::tensors::DIGEST;
 
 #[global_allocator]
@@ -74,7 +75,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 /// Returns a scene of `n` Gaussians with the model of the `best` preset.
 fn scene(n: usize, device: &Device) -> Scene {
     let config = Config::default();
-    let k = (config.model.sh_degree + 1).pow(2);
+    let k = coefficients(&config.model) as usize;
     let values = |len: usize| (0..len).map(|i| (i as f32 * 0.618).fract() - 0.5).collect::<Vec<f32>>();
     let gaussians = HostGaussians {
         means: values(3 * n),

@@ -87,8 +87,8 @@ impl TrainArgs {
             dataset.train.times().len(),
             rayon::current_num_threads()
         );
-        if let (Start::New, Some(advice)) = (&start, advice(&config)) {
-            errln!("note: {advice}");
+        if start == Start::New {
+            advice(&config, dataset.train.frames.len()).iter().for_each(|note| errln!("note: {note}"));
         }
         let stop = stop_flag("stopping after this step, with a checkpoint")?;
         let options = RunOptions {

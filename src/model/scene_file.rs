@@ -255,7 +255,7 @@ mod tests {
             (|s| s.model.levels = usize::MAX, "the file holds"),
             (|s| s.model.width = 1_000_000, "the file holds"),
             (|s| s.model.channels = 0, "model.channels = 0"),
-            (|s| s.model.sh_degree = usize::MAX, "at most 3"),
+            (|s| s.model.sh_degree = usize::MAX, "0, 2 or 4"),
             (|s| s.sh_degree = 3, "above model.sh_degree"),
             (|s| s.half_size[1] = 0.0, "half_size above 0"),
         ];

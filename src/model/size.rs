@@ -19,9 +19,13 @@ pub(super) const MAX_DEPTH: usize = 64;
 pub fn check_model(config: &ModelConfig) -> Result<(), String> {
     match (config.sh_bands, config.sh_degree) {
         (ShBands::All, 0..=3) | (ShBands::Even, 0 | 2 | 4) => {}
-        (ShBands::All, degree) => return Err(format!("model.sh_degree = {degree}: at most 3")),
+        (ShBands::All, degree) => {
+            return Err(format!("model.sh_degree = {degree}: at most 3 with model.sh_bands = \"all\""));
+        }
         (ShBands::Even, degree) => {
-            return Err(format!("model.sh_degree = {degree}: with model.sh_bands = \"even\" 0, 2 or 4"));
+            return Err(format!(
+                "model.sh_degree = {degree}: 0, 2 or 4 with model.sh_bands = \"even\", 0 to 3 with \"all\""
+            ));
         }
     }
     for (name, value) in [

@@ -15,7 +15,8 @@ use volseggs_kernels::shading::Light;
 
 fn config(appearance: Appearance) -> Config {
     let mut config = Config::default();
-    (config.init.points, config.model.sh_degree, config.model.appearance) = (200, 1, appearance);
+    (config.init.points, config.model.appearance) = (200, appearance);
+    (config.model.sh_bands, config.model.sh_degree) = (ShBands::All, 1);
     (config.model.resolution, config.model.channels, config.model.width) = (8, 8, 16);
     (config.stages.warmup_steps, config.stages.joint_steps) = (4, 20);
     (config.densify.every, config.densify.warmup_from, config.densify.joint_from) = (3, 0, 0);

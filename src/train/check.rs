@@ -254,25 +254,6 @@ fn check_budget(config: &Config) -> Result<(), TrainError> {
     }
 }
 
-/// Returns what is allowed but hardly meant: Gaussians that are added until a run ends, as where a preset is shortened
-/// by its steps alone.
-#[must_use]
-pub fn advice(config: &Config) -> Option<String> {
-    let (densify, joint_steps) = (&config.densify, config.stages.joint_steps);
-    let adds = densify.mode != DensifyMode::Off && densify.joint_from < joint_steps;
-    (adds && densify.joint_until >= joint_steps && config.optim.average > 0).then(|| {
-        let defaults = Config::default();
-        let share = defaults.densify.joint_until as f64 / defaults.stages.joint_steps as f64;
-        format!(
-            "densify.joint_until = {}: Gaussians are added until the run ends (stages.joint_steps = {joint_steps}), and as \
-             each addition restarts the moving average, its result has none; in a shorter run, lower densify.joint_until \
-             too, here to {}",
-            densify.joint_until,
-            (share * joint_steps as f64).round()
-        )
-    })
-}
-
 /// Refuses opacity resets that never come.
 fn check_resets(config: &Config) -> Result<(), TrainError> {
     let (densify, warmup) = (&config.densify, config.stages.warmup_steps);

@@ -96,25 +96,3 @@ fn every_preset_passes() {
         check(&config).unwrap_or_else(|e| panic!("{name}: {e}"));
     }
 }
-
-#[test]
-fn a_run_that_adds_gaussians_until_its_end_is_advised_against() {
-    let mut config = Config::default();
-    assert_eq!(advice(&config), None);
-    config.stages.joint_steps = 4000;
-    let text = advice(&config).unwrap();
-    assert!(text.contains("densify.joint_until = 12000") && text.ends_with("here to 1600"), "{text}");
-    config.densify.joint_until = 1600;
-    assert_eq!(advice(&config), None);
-    for quiet in [
-        (|c| c.optim.average = 0) as fn(&mut Config),
-        |c| c.densify.mode = DensifyMode::Off,
-        |c| c.stages.joint_steps = 0,
-        |c| c.densify.joint_from = 4000,
-    ] {
-        let mut config = Config::default();
-        config.stages.joint_steps = 4000;
-        quiet(&mut config);
-        assert_eq!(advice(&config), None);
-    }
-}

@@ -4,6 +4,7 @@
 //! [method](crate::method), with logs, evaluation, checkpoints and signals, and lets an [`observer`] watch. [`Trainer`]
 //! is the training of Gaussians with a deformation field.
 
+mod advice;
 #[cfg(test)]
 mod attribute_tests;
 mod average;
@@ -39,7 +40,8 @@ mod trainer;
 mod training;
 pub mod watch;
 
-pub use check::{advice, check as check_config, evaluation_background};
+pub use advice::advice;
+pub use check::{check as check_config, evaluation_background};
 pub use error::TrainError;
 pub use open::{open_dataset, open_measured, open_trained, trained_times};
 pub use report::{StepReport, StepTimes};

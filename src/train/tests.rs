@@ -4,7 +4,7 @@ use super::schedule::{Stage, learning_rate};
 use super::{Saved, TrainError, Trainer, Training, losses};
 use crate::config::PRESETS;
 use crate::config::layers::Layers;
-use crate::config::types::{Config, DensifyMode, EncoderKind, GridInit, TvOrder, TvReduction};
+use crate::config::types::{Config, DensifyMode, EncoderKind, GridInit, ShBands, TvOrder, TvReduction};
 use crate::data::Dataset;
 use crate::data::dataset::{OpenOptions, tests::dataset};
 use crate::device::DeviceName;
@@ -16,7 +16,7 @@ use burn::tensor::Tensor;
 fn config() -> Config {
     let mut config = Config::default();
     config.model.encoder = EncoderKind::Factorised;
-    (config.init.points, config.model.sh_degree) = (200, 1);
+    (config.init.points, config.model.sh_bands, config.model.sh_degree) = (200, ShBands::All, 1);
     (config.model.resolution, config.model.channels, config.model.width) = (8, 8, 16);
     (config.stages.warmup_steps, config.stages.joint_steps) = (0, 40);
     (config.loss.tv, config.loss.tv_time, config.loss.dssim) = (0.0, 0.0, 0.0);

@@ -26,7 +26,7 @@ pub const BINARY: &str = env!("CARGO_BIN_EXE_volseggs");
 /// A run of 80 steps that densifies from 300 to exactly 400 Gaussians.
 pub const SETTINGS: &[&str] = &[
     "init.points=300",
-    "model.sh_degree=1",
+    "model.sh_degree=2",
     "model.resolution=8",
     "model.time_knots=5",
     "model.channels=8",

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use volseggs::burn::tensor::Device;
 use volseggs::config::types::methods::{CoordNetConfig, InSituNetConfig, VisNerfConfig};
-use volseggs::config::types::{Config, EncoderKind, ModelConfig};
+use volseggs::config::types::{Config, EncoderKind, ModelConfig, ShBands};
 use volseggs::data::paths::{Lens, training_cameras};
 use volseggs::device::DeviceName;
 use volseggs::method::Model;
@@ -86,7 +86,16 @@ fn target(scratch: &Scratch, seeds: &[Vec<u8>], read: impl Fn(&Path) -> bool + '
 
 fn small() -> ModelConfig {
     let model = Config::default().model;
-    ModelConfig { sh_degree: 1, levels: 1, resolution: 2, time_knots: 2, channels: 2, width: 4, ..model }
+    ModelConfig {
+        sh_bands: ShBands::All,
+        sh_degree: 1,
+        levels: 1,
+        resolution: 2,
+        time_knots: 2,
+        channels: 2,
+        width: 4,
+        ..model
+    }
 }
 
 fn spec(model: ModelConfig) -> SceneSpec {

@@ -138,7 +138,7 @@ fn invalid_options() {
         (&[], &["--device", "tpu"], &["\"tpu\"", "flex"]),
         (&["data.background=mauve"], &[], &["data.background", "mauve", "#rrggbb"]),
         (&["data.background=#12345g"], &[], &["data.background", "#12345g"]),
-        (&["model.sh_degree=7"], &[], &["model.sh_degree", "7", "at most 3"]),
+        (&["model.sh_degree=7"], &[], &["model.sh_degree", "7", "0, 2 or 4"]),
         (&["init.points=0"], &[], &["init.points", "at least 1"]),
         (&["init.opacity=1.5"], &[], &["init.opacity", "1.5"]),
         (&["model.channels=0"], &[], &["model.channels"]),

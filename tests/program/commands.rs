@@ -263,7 +263,7 @@ fn export_writes_conventional_ply_files() {
     assert_eq!(lines.next(), Some("comment volseggs"));
     assert_eq!(lines.next(), Some("element vertex 400"));
     let properties: Vec<&str> = lines.map(|l| l.strip_prefix("property float ").unwrap()).collect();
-    let rest: Vec<String> = (0..9).map(|i| format!("f_rest_{i}")).collect();
+    let rest: Vec<String> = (0..24).map(|i| format!("f_rest_{i}")).collect();
     let mut expected = vec!["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"];
     expected.extend(rest.iter().map(String::as_str));
     expected.extend(["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]);
@@ -271,7 +271,7 @@ fn export_writes_conventional_ply_files() {
     assert_eq!(bytes.len() - end - 11, 400 * 4 * properties.len());
 
     let gaussians = ply::read(&one).unwrap();
-    assert_eq!((gaussians.len(), gaussians.sh_degree()), (400, 1));
+    assert_eq!((gaussians.len(), gaussians.sh_degree()), (400, 2));
     for q in gaussians.rotations.chunks_exact(4) {
         assert!((q.iter().map(|v| v * v).sum::<f32>() - 1.0).abs() < 1e-4);
     }

@@ -24,8 +24,8 @@ impl Default for Config {
                 opacity: 0.1,
             },
             model: ModelConfig {
-                sh_degree: 3,
-                sh_bands: ShBands::All,
+                sh_degree: 2,
+                sh_bands: ShBands::Even,
                 appearance: Appearance::Sh,
                 encoder: EncoderKind::Factorised,
                 extra_encoder: String::new(),
