@@ -284,7 +284,7 @@ fn export_writes_conventional_ply_files() {
     let packed = std::fs::read(&small).unwrap();
     assert_eq!(packed[..2], [0x1f, 0x8b]);
     let length = u32::from_le_bytes(packed[packed.len() - 4..].try_into().unwrap());
-    assert_eq!(length, 16 + 400 * (20 + 9), "degree 1");
+    assert_eq!(length, 16 + 400 * (20 + 24), "degree 2");
     let frames = text(folder.path(), "spz-frames");
     output(&mut command(&["export", "--frames", "2", "--format", "spz", "--out", &frames]));
     assert_eq!(names(&folder.path().join("spz-frames")), ["0000.spz", "0001.spz", "export.json"]);
