@@ -39,7 +39,7 @@ fn invalid_values_are_named_with_the_values_allowed() {
             ["densify.opacity_reset = 3000", "after 2500 steps"],
         ),
         (|c| c.densify.opacity_reset_joint = true, ["opacity_reset_joint = true", "set that as well"]),
-        (|c| c.densify.mode = DensifyMode::Off, ["densify.budget = 150000", "densify.mode = \"off\""]),
+        (|c| c.densify.mode = DensifyMode::Off, ["densify.budget = 200000", "densify.mode = \"off\""]),
         (
             |c| {
                 c.densify.mode = DensifyMode::Off;

@@ -96,7 +96,7 @@ impl Default for Config {
                 average: 1000,
             },
             densify: DensifyConfig {
-                budget: 150_000,
+                budget: 200_000,
                 warmup_budget: 0,
                 mode: DensifyMode::Budget,
                 every: 100,
