@@ -212,6 +212,7 @@ mod tests {
     #[test]
     fn hidden_layers_of_the_implicit_encoder_count() {
         let mut config = Config::default();
+        config.densify.budget = 150_000;
         let before = needed(&config, VIEWS, false);
         config.model.encoder = EncoderKind::Implicit;
         // 150,000 Gaussians keep 3,992 values each; the grid's two million parameters are gone
