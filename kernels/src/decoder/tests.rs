@@ -43,7 +43,8 @@ impl Case {
             noise(seed + 1, shape.w0_len(), near_one(f)),
             noise(seed + 2, shape.b0_len(), 0.5),
             noise(seed + 3, shape.w1_len(), near_one(w)),
-            noise(seed + 4, shape.b1_len(), 0.5),
+            // where no unit of the trunk is active, a head's is at its bias, wherever the inputs are moved
+            noise(seed + 4, shape.b1_len(), 0.5).into_iter().map(|b| b + 1e-3f32.copysign(b)).collect(),
             noise(seed + 5, shape.w2_len(), near_one(w)),
             noise(seed + 6, shape.b2_len(), 0.5),
             noise(seed + 7, n * f, 1.0),
@@ -53,8 +54,14 @@ impl Case {
         let exact = case.parts.each_ref().map(|part| wide(part));
         for row in case.parts[6].chunks_exact_mut(f) {
             let params = reference_params(&exact);
+            let mut moves = 0;
             while reference::kink_distance(&case.shape, params, &wide(row)) < 1e-5 {
+                assert!(
+                    moves < 10_000,
+                    "seed {seed}, {n} rows, {f} inputs, width {w}: a hidden unit stays at its kink"
+                );
                 row.iter_mut().for_each(|v| *v += 1e-3);
+                moves += 1;
             }
         }
         case
@@ -137,6 +144,8 @@ fn odd_sizes_match_the_reference() {
     }
     against_reference(&Case::new(shape(1, 1, &[1]), 50, 4));
     against_reference(&Case::new(shape(65, 33, &[1, 13]), 100, 5));
+    // a row without an active unit in the trunk, and a bias drawn within 1e-5 of zero
+    against_reference(&Case::new(shape(19, 7, &[3, 4, 3, 1]), 20, 616));
 }
 
 proptest! {
