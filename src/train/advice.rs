@@ -9,9 +9,6 @@ const ROUNDS: usize = 50;
 /// a run ends, as where a preset is shortened by its steps alone; and a joint stage much longer than few views bear.
 #[must_use]
 pub fn advice(config: &Config, views: usize) -> Vec<String> {
-    if config.method != VOLSEGGS {
-        return Vec::new();
-    }
     [late_additions(config), many_rounds(config, views)].into_iter().flatten().collect()
 }
 
@@ -32,8 +29,8 @@ fn late_additions(config: &Config) -> Option<String> {
 
 fn many_rounds(config: &Config, views: usize) -> Option<String> {
     let joint_steps = config.stages.joint_steps;
-    // close to the limit is not worth a note
-    (views > 0 && joint_steps >= 2 * ROUNDS * views).then(|| {
+    // other methods have their published lengths; close to the limit is not worth a note
+    (config.method == VOLSEGGS && views > 0 && joint_steps >= 2 * ROUNDS * views).then(|| {
         let steps = ROUNDS * views;
         let mut sets = vec![("stages.joint_steps", steps), ("optim.warmup_decay_steps", steps)];
         if config.densify.mode != DensifyMode::Off {
@@ -76,7 +73,6 @@ mod tests {
             |c| c.densify.mode = DensifyMode::Off,
             |c| c.stages.joint_steps = 0,
             |c| c.densify.joint_from = 4000,
-            |c| c.method = "d3dgs".into(),
         ] {
             let mut config = Config::default();
             config.stages.joint_steps = 4000;
@@ -97,6 +93,8 @@ mod tests {
         // followed, the advice is silent
         (config.stages.joint_steps, config.densify.joint_until) = (10_500, 4200);
         assert!(advice(&config, 210).is_empty());
+        config.method = "d3dgs".into();
+        assert!(advice(&Config { stages: Config::default().stages, ..config }, 210).is_empty());
         // no key is named that has no effect
         let mut config = Config::default();
         (config.densify.mode, config.loss.dssim) = (DensifyMode::Off, 0.0);
