@@ -41,8 +41,8 @@ fn many_rounds(config: &Config, views: usize) -> Option<String> {
         }
         let sets: Vec<String> = sets.into_iter().map(|(key, value)| format!("--set {key}={value}")).collect();
         format!(
-            "stages.joint_steps = {joint_steps} shows each of the {views} training views {} times; many times overfit \
-             few views. {ROUNDS} times take {:.0} % of the time: {}",
+            "stages.joint_steps = {joint_steps} shows each of the {views} training views {} times, and so long a training \
+             overfits few views; {ROUNDS} times take {:.0} % of the time: {}",
             joint_steps / views,
             100.0 * steps as f64 / joint_steps as f64,
             sets.join(" ")
