@@ -50,9 +50,9 @@ fn many_rounds(config: &Config, views: usize) -> Option<String> {
     })
 }
 
-/// `count` steps of a joint stage of `from` steps, in one of `to` steps.
+/// `count` steps of a joint stage of `from` steps, above 0, in one of `to` steps.
 fn scaled(count: usize, from: usize, to: usize) -> usize {
-    (count as f64 * to as f64 / from.max(1) as f64).round() as usize
+    (count as f64 * to as f64 / from as f64).round() as usize
 }
 
 #[cfg(test)]
