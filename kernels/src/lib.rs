@@ -15,6 +15,7 @@ mod camera;
 mod cube;
 mod scale;
 mod tensors;
+mod turn;
 
 pub mod activation;
 pub mod adam;
@@ -23,6 +24,7 @@ pub mod contrast;
 pub mod decoder;
 pub mod field;
 pub mod march;
+pub mod path_opacity;
 pub mod photometric;
 pub mod sh;
 pub mod shading;

@@ -68,7 +68,7 @@ fn load(name: &str) -> Golden {
     let background = std::array::from_fn(|c| background[c] as f32);
     Golden {
         scene,
-        settings: SplatSettings { camera, background, sh_degree: degree, dilation: DILATION },
+        settings: SplatSettings { camera, background, sh_degree: degree, dilation: DILATION, path_opacity: 0.0 },
         degree,
         image: get("image"),
         transmittance: get("final_T"),

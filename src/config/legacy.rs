@@ -7,7 +7,8 @@ use toml::{Table, Value};
 /// The keys missing from `run`, a whole resolved configuration, with the values that it was trained with.
 ///
 /// Formerly, the warm-up rate decayed over the length of the joint stage and warm-up densified until its end; Gaussians
-/// had no embedding, were all dilated as in 3DGS, had harmonics of all bands, and were saved as the last step left them.
+/// had no embedding, were all dilated as in 3DGS, had harmonics of all bands and opacities that are the same from all
+/// sides, and were saved as the last step left them.
 pub fn implied(run: &Table) -> Vec<(&'static str, Value)> {
     let number = |section: &str, key: &str| run.get(section)?.get(key)?.as_integer();
     let lacks = |section: &str, key: &str| run.get(section).is_some_and(|s| s.get(key).is_none());
@@ -26,6 +27,9 @@ pub fn implied(run: &Table) -> Vec<(&'static str, Value)> {
     }
     if lacks("model", "dilation") {
         found.push(("model.dilation", dilation_of_3dgs().into()));
+    }
+    if lacks("model", "path_opacity") {
+        found.push(("model.path_opacity", 0.0.into()));
     }
     if lacks("model", "sh_bands") {
         found.push(("model.sh_bands", "all".into()));
@@ -61,10 +65,12 @@ mod tests {
         assert_eq!(implied(&old)[1..], [("model.embedding", 0.into())]);
         old["model"].as_table_mut().unwrap().remove("dilation");
         assert_eq!(implied(&old)[2..], [("model.dilation", 0.3.into())]);
+        old["model"].as_table_mut().unwrap().remove("path_opacity");
+        assert_eq!(implied(&old)[3..], [("model.path_opacity", 0.0.into())]);
         old["model"].as_table_mut().unwrap().remove("sh_bands");
-        assert_eq!(implied(&old)[3..], [("model.sh_bands", "all".into())]);
+        assert_eq!(implied(&old)[4..], [("model.sh_bands", "all".into())]);
         old["optim"].as_table_mut().unwrap().remove("average");
-        assert_eq!(implied(&old)[4..], [("optim.average", 0.into())]);
+        assert_eq!(implied(&old)[5..], [("optim.average", 0.into())]);
         assert_eq!(implied(&Table::new()), []);
     }
 }

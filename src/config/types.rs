@@ -300,6 +300,6 @@ pub struct SpeedConfig {
     /// Steps between sorts of the Gaussians along a space-filling curve, with one at the start; 0 for never.
     pub sort_every: usize,
     /// Gaussians found transparent at a training time are skipped on later visits to that time; one visit in this many
-    /// uses all Gaussians. 0 or 1 never skips.
+    /// uses all Gaussians. 0 or 1 never skips. With `model.path_opacity`, their base opacities decide.
     pub cull_visits: usize,
 }

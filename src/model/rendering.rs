@@ -1,6 +1,7 @@
 //! How a model's Gaussians are drawn, beside the camera.
 
 use volseggs_kernels::Camera;
+use volseggs_kernels::path_opacity::MAX_EXPONENT;
 use volseggs_kernels::splat::{MAX_DILATION, SplatSettings};
 
 /// How a model's Gaussians are drawn, beside the camera: the settings used in training.
@@ -12,14 +13,16 @@ pub struct Rendering {
     pub sh_degree: usize,
     /// Amount by which each is widened on the screen, pixels squared.
     pub dilation: f32,
+    /// How much opacities follow the length of the ray's path, see [`volseggs_kernels::path_opacity`].
+    pub path_opacity: f32,
 }
 
 impl Rendering {
     /// The settings for the view of `camera`.
     #[must_use]
     pub fn seen_by(self, camera: Camera) -> SplatSettings {
-        let Self { background, sh_degree, dilation } = self;
-        SplatSettings { camera, background, sh_degree, dilation }
+        let Self { background, sh_degree, dilation, path_opacity } = self;
+        SplatSettings { camera, background, sh_degree, dilation, path_opacity }
     }
 
     /// The same for Gaussians whose colour does not depend on the view.
@@ -38,5 +41,17 @@ pub fn check_dilation(dilation: f32) -> Result<(), String> {
         Ok(())
     } else {
         Err(format!("dilation = {dilation}: 0 to {MAX_DILATION}, in pixels squared"))
+    }
+}
+
+/// Rejects an exponent of path lengths out of range.
+///
+/// # Errors
+/// A message that names the range.
+pub fn check_path_opacity(path_opacity: f32) -> Result<(), String> {
+    if (0.0..=MAX_EXPONENT).contains(&path_opacity) {
+        Ok(())
+    } else {
+        Err(format!("path_opacity = {path_opacity}: 0 to {MAX_EXPONENT}"))
     }
 }

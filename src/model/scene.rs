@@ -51,7 +51,8 @@ impl SceneSpec {
     #[must_use]
     pub fn rendering(&self) -> Rendering {
         let Self { background, sh_degree, .. } = *self;
-        Rendering { background, sh_degree, dilation: self.model.dilation as f32 }
+        let ModelConfig { dilation, path_opacity, .. } = self.model;
+        Rendering { background, sh_degree, dilation: dilation as f32, path_opacity: path_opacity as f32 }
     }
 }
 

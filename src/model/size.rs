@@ -2,7 +2,7 @@
 //! whatever the configuration says.
 
 use super::encoder_definition::find_encoder;
-use super::rendering::check_dilation;
+use super::rendering::{check_dilation, check_path_opacity};
 use crate::config::types::{Appearance, DecoderKind, EncoderKind, ModelConfig, ShBands};
 use crate::memory::product;
 use volseggs_kernels::changes::{COLUMNS, WIDTHS};
@@ -40,6 +40,7 @@ pub fn check_model(config: &ModelConfig) -> Result<(), String> {
         }
     }
     check_dilation(config.dilation as f32).map_err(|e| format!("model.{e}"))?;
+    check_path_opacity(config.path_opacity as f32).map_err(|e| format!("model.{e}"))?;
     if config.encoder == EncoderKind::Implicit { check_implicit(config) } else { Ok(()) }
 }
 

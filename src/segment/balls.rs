@@ -96,7 +96,7 @@ impl Balls {
 
 /// Rendering settings for the balls.
 pub(crate) fn rendering() -> Rendering {
-    Rendering { background: [0.0; 3], sh_degree: 0, dilation: DILATION }
+    Rendering { background: [0.0; 3], sh_degree: 0, dilation: DILATION, path_opacity: 0.0 }
 }
 
 /// Adds a Gaussian with the identity rotation.

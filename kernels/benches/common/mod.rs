@@ -120,7 +120,16 @@ impl Splatter {
             screen_offsets: Some(Tensor::zeros([n, 2], device)),
             shading: None,
         };
-        Self { inputs, settings: SplatSettings { camera, background: [0.0; 3], sh_degree: 3, dilation: DILATION } }
+        Self {
+            inputs,
+            settings: SplatSettings {
+                camera,
+                background: [0.0; 3],
+                sh_degree: 3,
+                dilation: DILATION,
+                path_opacity: 0.0,
+            },
+        }
     }
 
     /// Runs the forward pass alone.

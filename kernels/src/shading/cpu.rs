@@ -3,12 +3,11 @@
 
 use super::{GRAZING, Light, MATERIAL, MIN_SQUARE, Material};
 use crate::sh::C0;
+use crate::turn::{Vec3, dot, turn, turn_backward};
 use rayon::prelude::*;
 
 /// Gaussians per task.
 const PIECE: usize = 1024;
-
-type Vec3 = [f32; 3];
 
 /// The arrays of [`super::shaded`], row-major.
 #[derive(Clone, Copy, Debug)]
@@ -209,30 +208,15 @@ fn slopes(seen: &Seen, material: &Material, light: Light, base: &[f32], grad: &m
         }
     };
     let d: Vec3 = std::array::from_fn(|c| a[c] + b[c]);
-    let (w, u, n) = (seen.w, seen.u, seen.normal);
-    let (un, ud, nd, across) = (dot(u, n), dot(u, d), dot(n, d), cross(n, d));
-    let by_u: Vec3 = std::array::from_fn(|c| 2.0 * (n[c] * ud + d[c] * un + w * across[c] - u[c] * nd));
+    let (w, u) = (seen.w, seen.u);
+    let (by_w, by_u) = turn_backward(w, u, seen.normal, d);
     let slopes = Slopes {
         mean: by_eye.map(|v| -v),
-        rotation: [2.0 * (w * nd + dot(u, across)), by_u[0], by_u[1], by_u[2]],
+        rotation: [by_w, by_u[0], by_u[1], by_u[2]],
         // the inverse rotation
         normal: turn(w, u.map(|v| -v), d),
     };
     (slopes, of_material)
-}
-
-/// Rotates `v` by the quaternion `w`, `u`, and scales it by the squared length of the quaternion.
-fn turn(w: f32, u: Vec3, v: Vec3) -> Vec3 {
-    let (straight, along, across) = (w * w - dot(u, u), 2.0 * dot(u, v), cross(u, v));
-    std::array::from_fn(|c| straight * v[c] + along * u[c] + 2.0 * w * across[c])
-}
-
-fn dot(a: Vec3, b: Vec3) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: Vec3, b: Vec3) -> Vec3 {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 fn unit(v: Vec3) -> Vec3 {

@@ -11,6 +11,9 @@
 //! * front to back by depth, ties by index; a Gaussian that would bring the transmittance to 1e-4
 //!   or less ends the pixel and is not blended; Gaussians at depth 0.2 or less are culled.
 //!
+//! With [`SplatSettings::path_opacity`] above 0 opacities depend on the direction of view too, see
+//! [`crate::path_opacity`].
+//!
 //! A Gaussian whose projection is not finite (NaN, infinite scale), or whose covariance is invalid (not positive
 //! semi-definite), is culled like one behind the camera: it adds nothing to the image and its gradients are zero. A
 //! zero quaternion means no rotation.
@@ -25,6 +28,7 @@ pub mod reference;
 mod views;
 
 use crate::Camera;
+use crate::path_opacity::{MAX_EXPONENT, path_opacity};
 use crate::sh::Bands;
 use crate::shading::{Shading, shaded};
 use burn::backend::tensor::{FloatTensor, IntTensor};
@@ -67,6 +71,9 @@ pub struct SplatSettings {
     /// Added to the diagonal of the projected covariance, pixels squared, so that a small Gaussian does not fall
     /// between pixel centres; 0 to [`MAX_DILATION`], [`DILATION`] in 3DGS.
     pub dilation: f32,
+    /// How much an opacity follows the length of the ray's path through the Gaussian: the exponent of
+    /// [`crate::path_opacity`], 0 to 1, 0 in 3DGS. [`splat_covariances`] allows 0 alone.
+    pub path_opacity: f32,
 }
 
 /// State that the forward pass keeps for the backward pass; opaque and specific to each backend.
@@ -187,11 +194,28 @@ pub struct SplatInputs {
 }
 
 impl SplatInputs {
-    /// Replaces the shading by the colours that `camera` sees.
-    #[must_use]
-    pub fn shaded(mut self, camera: &Camera) -> Self {
-        if let Some(shading) = self.shading.take() {
-            self.sh = shaded(self.means.clone(), self.rotations.clone(), self.sh, &shading, camera.position());
+    /// Replaces the shading and the opacities by the colours and opacities that the camera sees.
+    fn seen(self, settings: &SplatSettings) -> Self {
+        let mut seen = self.with_seen_opacities(settings);
+        if let Some(shading) = seen.shading.take() {
+            let eye = settings.camera.position();
+            seen.sh = shaded(seen.means.clone(), seen.rotations.clone(), seen.sh, &shading, eye);
+        }
+        seen
+    }
+
+    /// Replaces the opacities by those that the camera sees.
+    fn with_seen_opacities(mut self, settings: &SplatSettings) -> Self {
+        let exponent = settings.path_opacity;
+        if exponent != 0.0 {
+            self.opacity_logits = path_opacity(
+                self.means.clone(),
+                self.rotations.clone(),
+                self.log_scales.clone(),
+                self.opacity_logits,
+                settings.camera.position(),
+                exponent,
+            );
         }
         self
     }
@@ -227,14 +251,15 @@ fn offsets_or_zeros(offsets: Option<Tensor<2>>, means: &Tensor<2>) -> Tensor<2> 
     offsets.unwrap_or_else(|| Tensor::zeros([means.dims()[0], 2], &means.device()))
 }
 
-/// Renders Gaussians through a camera, with their [`Shading`] applied if they have one.
+/// Renders Gaussians through a camera, with their [`Shading`] applied if they have one, and with the opacities that the
+/// camera sees.
 ///
 /// # Panics
 /// If the shapes disagree, `sh` holds fewer coefficients than `settings.sh_degree` needs, or the settings are out of
 /// range: all are errors of the calling program, never of the data.
 pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> Splatted {
     inputs.check(&settings);
-    render(inputs.shaded(&settings.camera).into_tensors(), settings)
+    render(inputs.seen(&settings).into_tensors(), settings)
 }
 
 /// Checks the inputs that both kinds have in common.
@@ -259,6 +284,11 @@ fn check_common(
     assert!(
         (0.0..=MAX_DILATION).contains(&dilation),
         "splat: dilation is {dilation}, expected 0 to {MAX_DILATION} pixels squared"
+    );
+    let exponent = settings.path_opacity;
+    assert!(
+        (0.0..=MAX_EXPONENT).contains(&exponent),
+        "splat: path_opacity is {exponent}, expected 0 to {MAX_EXPONENT}"
     );
     let camera = settings.camera;
     assert!(

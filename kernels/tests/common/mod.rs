@@ -227,7 +227,7 @@ pub fn rounded(mut scene: Scene) -> Scene {
 }
 
 pub fn settings(camera: Camera, sh_degree: usize) -> SplatSettings {
-    SplatSettings { camera, background: [0.1, 0.2, 0.3], sh_degree, dilation: DILATION }
+    SplatSettings { camera, background: [0.1, 0.2, 0.3], sh_degree, dilation: DILATION, path_opacity: 0.0 }
 }
 
 fn f32s(v: &[f64]) -> Vec<f32> {

@@ -2,6 +2,7 @@
 
 use super::super::{CliError, print_json};
 use super::ExportArgs;
+use crate::model::rendering::Rendering;
 use crate::run::OpenRun;
 use crate::run::export::{Output, Record, SplatFormat, write_splats};
 use volseggs_kernels::splat::DILATION;
@@ -29,11 +30,17 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Resu
     let edited = !args.shown.no_edits && !run.edits()?.operations.is_empty();
     output.finish(&Record::new(run, extension, &times, edited, &args.shown.segments), &needed)?;
     errln!("{} file(s), {count} Gaussians each: {}", files.len(), out.display());
-    let dilation = run.scene.spec.rendering().dilation;
+    let Rendering { dilation, path_opacity, .. } = run.scene.spec.rendering();
     if dilation != DILATION {
         errln!(
             "note: trained with a dilation of {dilation} pixels squared, which the file cannot store; viewers that dilate \
              by {DILATION}, as most do, show it differently from `volseggs render`"
+        );
+    }
+    if path_opacity != 0.0 {
+        errln!(
+            "note: trained with opacities that depend on the direction of view (model.path_opacity = {path_opacity}), which \
+             the file cannot store; other viewers show the same opacity from all sides"
         );
     }
     if args.common.json {

@@ -46,6 +46,7 @@ impl Default for Config {
                 implicit_skip: implicit_skip(),
                 embedding: 16,
                 dilation: 0.05,
+                path_opacity: 0.5,
                 width: 64,
                 decoder: DecoderKind::Heads,
                 zero_init_heads: true,

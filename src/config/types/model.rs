@@ -66,6 +66,11 @@ pub struct ModelConfig {
     /// least 0. 3DGS and the paper's code use 0.3, which blurs details one or two pixels wide.
     #[serde(default = "super::defaults::dilation_of_3dgs")] // scenes that predate this key can still be loaded
     pub dilation: f64,
+    /// How much a Gaussian's opacity follows the length of the ray's path through it: its optical depth is multiplied by
+    /// this power of that length, relative to its mean axis. 0, as in 3DGS and the paper: the same from all sides; 1: as
+    /// in a volume of constant density; at most 1.
+    #[serde(default)] // scenes that predate this key can still be loaded
+    pub path_opacity: f64,
     /// Width of the decoder's hidden layers.
     pub width: usize,
     /// One hidden layer per output (`heads`, the paper's) or one for all (`shared`, cheaper).

@@ -89,6 +89,11 @@ fn check_shared(config: &Config) -> Result<(), String> {
             "it has no decoder to read it",
         ),
         (
+            config.model.path_opacity != 0.0,
+            format!("model.path_opacity = {}", config.model.path_opacity),
+            "its Gaussians have no axes in space alone; set it to 0",
+        ),
+        (
             prior.is_some(),
             prior.map(|(key, weight)| format!("loss.{key} = {weight}")).unwrap_or_default(),
             "it has no grid to regularise; set it to 0",

@@ -55,7 +55,7 @@ impl Spec {
     /// The rendering settings.
     pub(super) fn rendering(&self) -> Rendering {
         let Self { background, sh_degree, dilation, .. } = *self;
-        Rendering { background, sh_degree, dilation }
+        Rendering { background, sh_degree, dilation, path_opacity: 0.0 }
     }
 
     /// Rejects invalid values before anything is allocated accordingly.

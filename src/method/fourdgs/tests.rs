@@ -185,7 +185,7 @@ fn settings() -> SplatSettings {
         rotation: [[0.96, 0.0, -0.28], [0.0, 1.0, 0.0], [0.28, 0.0, 0.96]],
         translation: [0.05, -0.1, 4.0],
     };
-    SplatSettings { camera, background: [0.1, 0.2, 0.3], sh_degree: 1, dilation: DILATION }
+    SplatSettings { camera, background: [0.1, 0.2, 0.3], sh_degree: 1, dilation: DILATION, path_opacity: 0.0 }
 }
 
 /// The image in f64, from the f64 primitives.

@@ -64,7 +64,7 @@ fn shots() -> Vec<Shot> {
 fn make(groups: &[Group], shots: &[Shot], source: &Fronts, path: &Path, stop_at: usize) -> Result<u64, MakeError> {
     let device = DeviceName::all()[0].open().unwrap();
     let at = scene();
-    let rendering = Rendering { background: [1.0; 3], sh_degree: 0, dilation: DILATION };
+    let rendering = Rendering { background: [1.0; 3], sh_degree: 0, dilation: DILATION, path_opacity: 0.0 };
     let job = MaskJob { at: &at, groups, shots, time: 0.5, rendering, device: &device };
     let mut views = 0;
     make_masks(&job, source, path, |seen, found| {

@@ -71,7 +71,7 @@ pub fn contributors(
         screen_offsets: inputs.screen_offsets.as_ref().map(plain),
         shading: None, // weights do not depend on colours
     };
-    Dispatch::contributors(plain.into_tensors(), *settings, pixels.to_vec()).lists
+    Dispatch::contributors(plain.with_seen_opacities(settings).into_tensors(), *settings, pixels.to_vec()).lists
 }
 
 /// Checks that the pixels are not too many and lie in the image; the error names the first that does not.

@@ -48,7 +48,8 @@ impl Fixture {
             rotation: [[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]],
             translation: [0.1, -0.05, 3.0],
         };
-        let settings = SplatSettings { camera, background: [0.0; 3], sh_degree: 0, dilation: DILATION };
+        let settings =
+            SplatSettings { camera, background: [0.0; 3], sh_degree: 0, dilation: DILATION, path_opacity: 0.0 };
         Self {
             means: (0..3 * n).map(|_| r.range(-1.2, 1.2)).collect(),
             rotations: (0..4 * n).map(|_| r.range(-1.0, 1.0)).collect(),
