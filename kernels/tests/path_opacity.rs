@@ -5,7 +5,7 @@
 mod common;
 
 use burn::tensor::{Device, Tensor, TensorData};
-use common::{Tested, camera, settings, to_vec};
+use common::{Tested, camera, noise, settings, to_vec};
 use volseggs_kernels::path_opacity::path_opacity;
 use volseggs_kernels::path_opacity::reference::{Seen, logit};
 use volseggs_kernels::splat::contributors::contributors;
@@ -15,18 +15,6 @@ const EYE: [f32; 3] = [0.3, -3.5, 1.2];
 
 /// Means, rotations, log scales, logits.
 type Inputs = [Vec<f32>; 4];
-
-/// Returns numbers in [-1, 1].
-fn noise(seed: u64, len: usize) -> Vec<f32> {
-    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-    let mut next = || {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state >> 40) as f32 / (1u64 << 23) as f32 - 1.0
-    };
-    (0..len).map(|_| next()).collect()
-}
 
 /// Gaussians of all shapes, from nearly transparent to nearly opaque.
 fn inputs(n: usize) -> Inputs {

@@ -5,7 +5,7 @@
 mod common;
 
 use burn::tensor::{Device, Tensor, TensorData};
-use common::Tested;
+use common::{Tested, noise};
 use volseggs_kernels::sh::C0;
 use volseggs_kernels::shading::reference::{Lit, colour};
 use volseggs_kernels::shading::{Light, Material, Shading, shaded};
@@ -14,18 +14,6 @@ const N: usize = 7;
 const K: usize = 4;
 const EYE: [f32; 3] = [0.3, -3.5, 1.2];
 const LIGHTS: [Light; 2] = [Light::Head, Light::Far([1.0, -0.5, 2.0])];
-
-/// Returns numbers in [-1, 1].
-fn noise(seed: u64, len: usize) -> Vec<f32> {
-    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-    let mut next = || {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state >> 40) as f32 / (1u64 << 23) as f32 - 1.0
-    };
-    (0..len).map(|_| next()).collect()
-}
 
 /// Means, rotations, sh, normals, material.
 fn inputs() -> [Vec<f32>; 5] {

@@ -84,6 +84,18 @@ pub fn cpu() -> Device {
     open(first).unwrap().device
 }
 
+/// Returns numbers in [-1, 1].
+pub fn noise(seed: u64, len: usize) -> Vec<f32> {
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    let mut next = || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 40) as f32 / (1u64 << 23) as f32 - 1.0
+    };
+    (0..len).map(|_| next()).collect()
+}
+
 /// A small pinhole camera at distance 4 on the -z axis, looking at the origin.
 pub fn camera(width: usize, height: usize) -> Camera {
     let f = 0.5 * width.max(height) as f32 / (15f32).to_radians().tan();
