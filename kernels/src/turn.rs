@@ -1,6 +1,9 @@
-//! Vectors turned by quaternions, for the CPU kernels.
+//! Vectors turned by quaternions, for the CPU kernels, and the products that they need.
 
 pub(crate) type Vec3 = [f32; 3];
+
+/// Squared lengths of quaternions up to this one mean no rotation.
+pub(crate) const NO_ROTATION: f32 = 1e-24;
 
 /// Turns `v` by the quaternion `w`, `u`, and scales it by the squared length of the quaternion.
 #[inline(always)]

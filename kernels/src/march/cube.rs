@@ -15,7 +15,7 @@ const RAYS: u32 = UNITS / 8;
 
 /// `1 - exp(-depth)`, from its series where the difference would lose half of its digits.
 #[cube]
-fn opacity(depth: f32) -> f32 {
+pub(crate) fn opacity(depth: f32) -> f32 {
     let series = depth * (1.0f32 - depth * (0.5f32 - depth * (1.0f32 / 6.0f32)));
     select(f32::abs(depth) < 0.01f32, series, 1.0f32 - f32::exp(-depth))
 }

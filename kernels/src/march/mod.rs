@@ -16,7 +16,7 @@
 
 pub mod cpu;
 #[cfg(feature = "cube")]
-mod cube;
+pub(crate) mod cube;
 mod ops;
 mod rays;
 pub mod reference;

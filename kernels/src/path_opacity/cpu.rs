@@ -1,9 +1,10 @@
 //! The fast kernels over f32 arrays; Gaussians are independent.
 
-use super::{LARGE, MIN_SQUARE, NO_ROTATION, REACH, SMALL};
+use super::{LARGE, MIN_SQUARE, REACH, SMALL};
 use crate::activation::sigmoid;
 use crate::backend::zeros;
-use crate::turn::{Vec3, dot, turn, turn_backward};
+use crate::march::cpu::opacity;
+use crate::turn::{NO_ROTATION, Vec3, dot, turn, turn_backward};
 use rayon::prelude::*;
 
 /// Gaussians per task.
@@ -164,14 +165,16 @@ struct Slopes {
 fn slopes(seen: &Seen<'_>, i: usize, grad: f32) -> Option<Slopes> {
     let ray = Ray::new(seen, i);
     let logit = seen.logits[i];
-    let log_depth_seen = log_depth(logit) + ray.gain(seen.exponent);
-    if !logit_of(log_depth_seen).is_finite() {
+    let base = log_depth(logit);
+    let log_depth_seen = base + ray.gain(seen.exponent);
+    let depth = log_depth_seen.exp();
+    // then `logit_of` is not finite either
+    if !(log_depth_seen.is_finite() && depth.is_finite()) {
         return None;
     }
     // d logit / d log depth = depth / opacity
-    let depth = log_depth_seen.exp();
-    let by_log_depth = grad * if log_depth_seen < SMALL { 1.0 } else { depth / -(-depth).exp_m1() };
-    let of_base = if logit < SMALL { 1.0 } else { sigmoid(logit) / log_depth(logit).exp() };
+    let by_log_depth = grad * if log_depth_seen < SMALL { 1.0 } else { depth / opacity(depth) };
+    let of_base = if logit < SMALL { 1.0 } else { sigmoid(logit) / base.exp() };
     let mut slopes = Slopes { mean: [0.0; 3], rotation: [0.0; 4], log_scales: [0.0; 3], logit: by_log_depth * of_base };
     if ray.square == 0.0 {
         return Some(slopes);

@@ -1,19 +1,14 @@
 //! Opacities by path length on a GPU: one unit per Gaussian, forward and backward. The arithmetic is that of `cpu`.
 
 use super::ops::{PathBackwardOps, PathOps, PathTensors};
-use super::{LARGE, MIN_SQUARE, NO_ROTATION, REACH, SMALL};
+use super::{LARGE, MIN_SQUARE, REACH, SMALL};
 use crate::cube::{UNITS, arg, cubes, empty_f32, is_finite, rows};
+use crate::march::cube::opacity;
+use crate::turn::NO_ROTATION;
 use burn::backend::tensor::FloatTensor;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
-
-/// `exp(x) - 1` for `x >= 0`, from its series where the difference would lose half of its digits.
-#[cube]
-fn exp_m1(x: f32) -> f32 {
-    let series = x * (1.0f32 + x * (0.5f32 + x * (1.0f32 / 6.0f32 + x * (1.0f32 / 24.0f32))));
-    select(x < 0.05f32, series, f32::exp(x) - 1.0f32)
-}
 
 /// The logarithm of the optical depth of a base logit, `ln(ln(1 + exp(logit)))`.
 #[cube]
@@ -32,8 +27,7 @@ fn log_depth(logit: f32) -> f32 {
 #[cube]
 fn logit_of(log_depth: f32) -> f32 {
     let depth = f32::exp(max(log_depth, comptime!(SMALL)));
-    let inner = f32::ln(exp_m1(min(depth, comptime!(LARGE))));
-    let within = select(depth > comptime!(LARGE), depth, inner);
+    let within = depth + f32::ln(opacity(depth));
     select(log_depth < comptime!(SMALL) || !is_finite(log_depth), log_depth, within)
 }
 
@@ -187,7 +181,7 @@ fn backward(
         let silent = grad[i] == 0.0f32 || !is_finite(logit_of(seen));
 
         let depth = f32::exp(clamp(seen, comptime!(SMALL), 80.0f32));
-        let by_depth = grad[i] * select(seen < comptime!(SMALL), 1.0f32, over_opacity(depth));
+        let by_depth = grad[i] * select(seen < comptime!(SMALL), 1.0f32, depth / opacity(depth));
         let sigmoid = 1.0f32 / (1.0f32 + f32::exp(-max(logits[i], comptime!(SMALL))));
         let of_base = select(logits[i] < comptime!(SMALL), 1.0f32, sigmoid / f32::exp(base));
         let by_square = -0.5f32 * exponent * by_depth / r.square;
@@ -231,13 +225,6 @@ fn backward(
         of_log_scales[3 * i + 2] = select(silent, 0.0f32, mean - oz);
         of_logits[i] = select(silent, 0.0f32, by_depth * of_base);
     }
-}
-
-/// `depth / (1 - exp(-depth))`, from its series where the difference would lose half of its digits.
-#[cube]
-fn over_opacity(depth: f32) -> f32 {
-    let series = 1.0f32 + depth * (0.5f32 + depth / 12.0f32);
-    select(depth < 0.05f32, series, depth / (1.0f32 - f32::exp(-depth)))
 }
 
 /// The gradient of an axis that is `apart`, 0 beyond the bound.

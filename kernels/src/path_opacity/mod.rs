@@ -25,8 +25,6 @@ pub use ops::{PathBackwardOps, PathOps, PathTensors, path_opacity};
 pub const MAX_EXPONENT: f32 = 1.0;
 /// Largest difference of a log scale from their mean that counts: a factor of 22,000 between axes.
 pub(crate) const REACH: f32 = 10.0;
-/// Squared lengths of quaternions up to this one mean no rotation, as in splatting.
-pub(crate) const NO_ROTATION: f32 = 1e-24;
 /// Lower bound for the squared distance from the eye.
 pub(crate) const MIN_SQUARE: f32 = 1e-20;
 /// A logarithm of the optical depth below which it is the logit.

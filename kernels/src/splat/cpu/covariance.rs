@@ -2,6 +2,7 @@
 
 use super::project::row;
 use crate::splat::MINOR_SLACK;
+use crate::turn::{NO_ROTATION, cross, dot};
 
 /// Covariances of Gaussians, or gradients with respect to them; `T` holds the rows.
 #[derive(Clone, Copy, Debug)]
@@ -119,10 +120,10 @@ impl Factored {
     #[inline(always)]
     fn new(quaternion: [f32; 4], log_scales: [f32; 3], jw: &[[f32; 3]; 2]) -> Self {
         let norm2: f32 = quaternion.iter().map(|q| q * q).sum();
-        let (inverse_norm, quaternion) = if norm2 > 1e-24 {
+        let (inverse_norm, quaternion) = if norm2 > NO_ROTATION {
             let i = 1.0 / norm2.sqrt();
             (i, quaternion.map(|q| q * i))
-        } else if norm2 <= 1e-24 {
+        } else if norm2 <= NO_ROTATION {
             (0.0, [1.0, 0.0, 0.0, 0.0])
         } else {
             (f32::NAN, quaternion) // NaN: the Gaussian is culled
@@ -263,16 +264,6 @@ fn projected_determinant(entries: [f32; 6], jw: &[[f32; 3]; 2]) -> f32 {
     let form = n0 * n0 * a00 + n1 * n1 * a11 + n2 * n2 * a22 + 2.0 * (n0 * n1 * a01 + n0 * n2 * a02 + n1 * n2 * a12);
     // negative only through rounding
     form.max(0.0) * trace * trace
-}
-
-#[inline(always)]
-fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-#[inline(always)]
-pub(crate) fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[cfg(test)]

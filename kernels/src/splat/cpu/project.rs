@@ -1,12 +1,13 @@
 //! Projection of each Gaussian to the screen: position, inverse covariance, opacity, colour, extent, depth.
 
 use super::Attributes;
-use super::covariance::{Covariance, Covariances, dot};
+use super::covariance::{Covariance, Covariances};
 use super::lanes::{LOG2_E, wide};
 use crate::activation::sigmoid;
 use crate::backend::filled;
 use crate::sh::{self, Bands};
 use crate::splat::{ALPHA_MIN, NEAR, SplatSettings};
+use crate::turn::dot;
 use rayon::prelude::*;
 
 /// A projected Gaussian, as blending reads it.

@@ -4,6 +4,7 @@
 use super::project::View;
 use crate::cube::is_finite;
 use crate::splat::MINOR_SLACK;
+use crate::turn::NO_ROTATION;
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
 
@@ -117,8 +118,8 @@ struct Factored {
 fn factored(rotations: &[f32], log_scales: &[f32], view: &View, i: usize) -> Factored {
     let (w, x, y, z) = (rotations[4 * i], rotations[4 * i + 1], rotations[4 * i + 2], rotations[4 * i + 3]);
     let norm2 = w * w + x * x + y * y + z * z;
-    let has_length = norm2 > 1e-24f32;
-    let inverse_norm = select(has_length, 1.0f32 / f32::sqrt(max(norm2, 1e-24f32)), 0.0f32);
+    let has_length = norm2 > comptime!(NO_ROTATION);
+    let inverse_norm = select(has_length, 1.0f32 / f32::sqrt(max(norm2, comptime!(NO_ROTATION))), 0.0f32);
     // a zero quaternion means no rotation
     let qw = select(has_length, w * inverse_norm, 1.0f32);
     let qx = x * inverse_norm;
