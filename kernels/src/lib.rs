@@ -13,6 +13,7 @@ mod backend;
 mod camera;
 #[cfg(feature = "cube")]
 mod cube;
+mod log_exp;
 mod scale;
 mod tensors;
 mod turn;

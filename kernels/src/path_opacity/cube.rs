@@ -1,7 +1,7 @@
-//! Opacities by path length on a GPU: one unit per Gaussian, forward and backward. The arithmetic is that of `cpu`.
+//! Opacities by path length on a GPU: one unit per Gaussian, forward and backward. The formulas are those of `cpu`.
 
 use super::ops::{PathBackwardOps, PathOps, PathTensors};
-use super::{LARGE, MIN_SQUARE, REACH, SMALL};
+use super::{MIN_SQUARE, REACH, SMALL};
 use crate::cube::{UNITS, arg, cubes, empty_f32, is_finite, rows};
 use crate::march::cube::opacity;
 use crate::turn::NO_ROTATION;
@@ -9,6 +9,9 @@ use burn::backend::tensor::FloatTensor;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::cubecl;
 use burn_cubecl::cubecl::prelude::*;
+
+/// A logit above which it is the optical depth.
+const LARGE: f32 = 16.0;
 
 /// The logarithm of the optical depth of a base logit, `ln(ln(1 + exp(logit)))`.
 #[cube]

@@ -29,5 +29,3 @@ pub(crate) const REACH: f32 = 10.0;
 pub(crate) const MIN_SQUARE: f32 = 1e-20;
 /// A logarithm of the optical depth below which it is the logit.
 pub(crate) const SMALL: f32 = -12.0;
-/// A logit, or an optical depth, above which the two are equal.
-pub(crate) const LARGE: f32 = 16.0;
