@@ -167,6 +167,8 @@ pub enum Purpose {
     MethodJitter,
     /// Peak times of the initial 4D Gaussians.
     PeakTimes,
+    /// The order of views in refitting.
+    Refit,
     /// For tests and custom programs. The number is used unchanged: one of those above gives the same stream.
     Custom(u64),
 }
@@ -197,6 +199,7 @@ impl Purpose {
             Self::MethodPixels => 0x6d70_6978,
             Self::MethodJitter => 0x6d6a_6974,
             Self::PeakTimes => 0x7065_616b,
+            Self::Refit => 0x7265_6669,
             Self::Custom(number) => number,
         }
     }

@@ -253,7 +253,8 @@ fn render_refuses_invalid_options() {
 fn export_writes_conventional_ply_files() {
     let folder = tempfile::tempdir().unwrap();
     let one = folder.path().join("scene.ply");
-    command(&["export", "--time", "0.5", "--out", &text(folder.path(), "scene.ply")]).assert().success();
+    let as_trained = ["export", "--refit", "0", "--out"];
+    command(&as_trained).args([&text(folder.path(), "scene.ply"), "--time", "0.5"]).assert().success();
     let bytes = std::fs::read(&one).unwrap();
     let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap();
     let header = std::str::from_utf8(&bytes[..end]).unwrap();
@@ -286,18 +287,34 @@ fn export_writes_conventional_ply_files() {
     let length = u32::from_le_bytes(packed[packed.len() - 4..].try_into().unwrap());
     assert_eq!(length, 16 + 400 * (20 + 24), "degree 2");
     let frames = text(folder.path(), "spz-frames");
-    output(&mut command(&["export", "--frames", "2", "--format", "spz", "--out", &frames]));
+    output(command(&as_trained).args([&frames, "--frames", "2", "--format", "spz"]));
     assert_eq!(names(&folder.path().join("spz-frames")), ["0000.spz", "0001.spz", "export.json"]);
     refused(&mut command(&["export", "--dims", "8,8,8", "--out", "x.spz"]), &["--dims", "labels on voxels"]);
+    refused(&mut command(&["export", "--refit", "9", "--out", "x.vti"]), &["--refit", "only for Gaussians"]);
 
     let frames = text(folder.path(), "frames");
-    let report = output(&mut command(&["export", "--frames", "3", "--out", &frames, "--json"]));
+    let report = output(command(&as_trained).args([&frames, "--frames", "3", "--json"]));
     let report: Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["refit"], serde_json::json!([]));
     assert_eq!((report["gaussians"].as_u64(), report["files"].as_array().map(Vec::len)), (Some(400), Some(3)));
     assert_eq!(names(&folder.path().join("frames")), ["0000.ply", "0001.ply", "0002.ply", "export.json"]);
     let read = |name: &str| ply::read(&folder.path().join("frames").join(name)).unwrap();
     assert_eq!(read("0001.ply"), gaussians, "the middle frame is time 0.5");
     assert!(read("0000.ply").means != gaussians.means && read("0000.ply").sh == gaussians.sh);
+
+    // by default opacities, scales and colours are refitted to how other viewers draw
+    let frames = text(folder.path(), "refitted");
+    let report = output(&mut command(&["export", "--frames", "2", "--out", &frames, "--json"]));
+    let report: Value = serde_json::from_str(&report).unwrap();
+    for (i, name) in ["0000.ply", "0001.ply"].iter().enumerate() {
+        let psnr = |which: &str| report["refit"][i][which].as_f64().unwrap();
+        assert!(psnr("psnr_after") > psnr("psnr_before") + 1.0, "{report}");
+        let refitted = ply::read(&folder.path().join("refitted").join(name)).unwrap();
+        let trained = read(["0000.ply", "0002.ply"][i]);
+        assert_eq!((&refitted.means, &refitted.rotations), (&trained.means, &trained.rotations));
+        assert!(refitted.opacity_logits != trained.opacity_logits);
+    }
+    assert_eq!(json(&folder.path().join("refitted/export.json"))["refit_steps"], 300);
 
     refused(&mut command(&["export", "--time", "2", "--out", "x.ply"]), &["--time", "'2'"]);
     refused(&mut command(&["export", "--frames", "0", "--out", &text(folder.path(), "none")]), &["--frames", "'0'"]);

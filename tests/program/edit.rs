@@ -59,9 +59,9 @@ impl Run {
         image::open(self.path("still/0000.png")).unwrap().to_rgb8()
     }
 
-    /// Exports the Gaussians to a PLY and reads it.
+    /// Exports the Gaussians as trained to a PLY and reads it.
     fn export(&self, rest: &[&str]) -> HostGaussians {
-        self.command(&["export", "run", "--out", "one.ply"]).args(rest).assert().success();
+        self.command(&["export", "run", "--refit", "0", "--out", "one.ply"]).args(rest).assert().success();
         ply::read(&self.path("one.ply")).unwrap()
     }
 

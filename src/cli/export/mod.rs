@@ -20,7 +20,7 @@ const FILE_BYTES: usize = 512;
 /// Write a run's Gaussians or the labels of its segments as standard files.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs export checkpoints/first --time 0.5 --out scene.ply\n  volseggs export checkpoints/first --time 0.5 --out scene.spz\n  volseggs export checkpoints/first --frames 30 --out plys/\n  volseggs export checkpoints/first --segment red --no-edits --out red.ply\n  volseggs export checkpoints/first --time 0.5 --out labels.seg.nrrd\n  volseggs export checkpoints/first --time 0.5 --segment red.1 --segment red.2 --like volume.vti --out labels.vti\n  volseggs export checkpoints/first --format nrrd --time 0.5 --truth labels_050.nrrd\n\nThe format follows from the ending of --out: .ply, .spz, .nrrd, .seg.nrrd (which 3D Slicer opens as a segmentation) or .vti.\nThe PLY follows 3DGS and opens in its viewers (SuperSplat, antimatter15, gsplat); the SPZ is about a fifth of its size, with one byte for most numbers. Both include the edits of the run; hidden Gaussians are omitted.\nLabels are on the voxels of the volume that the dataset was prepared from: label 1 is the first segment named, 0 is none. They describe the scene as trained, so that they match the data, or with --edited the scene with the edits of the run. The file records which.\nWithout --segment, all segments without parts are labelled, and a Gaussian counts for a group only if no part contains it; with --segment, it counts for the last one named that contains it.\nA file or folder written by volseggs is replaced; anything else is refused."
+    after_help = "Examples:\n  volseggs export checkpoints/first --time 0.5 --out scene.ply\n  volseggs export checkpoints/first --time 0.5 --out scene.spz\n  volseggs export checkpoints/first --time 0.5 --refit 0 --out as-trained.ply\n  volseggs export checkpoints/first --frames 30 --out plys/\n  volseggs export checkpoints/first --segment red --no-edits --out red.ply\n  volseggs export checkpoints/first --time 0.5 --out labels.seg.nrrd\n  volseggs export checkpoints/first --time 0.5 --segment red.1 --segment red.2 --like volume.vti --out labels.vti\n  volseggs export checkpoints/first --format nrrd --time 0.5 --truth labels_050.nrrd\n\nThe format follows from the ending of --out: .ply, .spz, .nrrd, .seg.nrrd (which 3D Slicer opens as a segmentation) or .vti.\nThe PLY follows 3DGS and opens in its viewers (SuperSplat, antimatter15, gsplat); the SPZ is about a fifth of its size, with one byte for most numbers. Both include the edits of the run; hidden Gaussians are omitted.\nLabels are on the voxels of the volume that the dataset was prepared from: label 1 is the first segment named, 0 is none. They describe the scene as trained, so that they match the data, or with --edited the scene with the edits of the run. The file records which.\nWithout --segment, all segments without parts are labelled, and a Gaussian counts for a group only if no part contains it; with --segment, it counts for the last one named that contains it.\nA file or folder written by volseggs is replaced; anything else is refused."
 )]
 pub struct ExportArgs {
     /// Folder of the run.
@@ -34,6 +34,11 @@ pub struct ExportArgs {
     /// Write this many times, evenly spaced from 0 to 1, into the folder OUT.
     #[arg(long, value_name = "N", value_parser = count)]
     frames: Option<usize>,
+    /// For .ply and .spz: steps, of one view each, in which opacities, sizes and colours are refitted so that other
+    /// viewers show the scene as it is shown here; 0 writes it as trained [default: 300 if they would show it
+    /// differently].
+    #[arg(long, value_name = "STEPS")]
+    refit: Option<usize>,
     /// File, or folder with --frames; labels go to RUN/labels if not given.
     #[arg(long, value_name = "OUT")]
     out: Option<PathBuf>,
@@ -87,7 +92,11 @@ impl ExportArgs {
             }
             _ => OpenRun::open(&self.run, &device),
         }?;
-        match self.format()? {
+        let format = self.format()?;
+        if self.refit.is_some() && matches!(format, Format::Nrrd | Format::Vti) {
+            return Err(CliError::input("--refit: only for Gaussians; end the name of --out in .ply or .spz"));
+        }
+        match format {
             Format::Ply => splats::run(&self, &run, SplatFormat::Ply),
             Format::Spz => splats::run(&self, &run, SplatFormat::Spz),
             Format::Nrrd => labels::run(&self, &run, LabelFormat::Nrrd(self.labels.space())),

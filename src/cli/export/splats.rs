@@ -1,10 +1,12 @@
 //! `volseggs export` of Gaussians to PLY and SPZ.
 
-use super::super::{CliError, print_json};
+use super::super::{CliError, print_json, stop_flag};
 use super::ExportArgs;
-use crate::model::rendering::Rendering;
+use crate::log::progress;
+use crate::model::Rendering;
 use crate::run::OpenRun;
-use crate::run::export::{Output, Record, SplatFormat, write_splats};
+use crate::run::export::{Output, Record, Refit, SplatFormat, refit, write_splats};
+use std::sync::atomic::Ordering;
 use volseggs_kernels::splat::DILATION;
 
 /// Writes the Gaussians at each time.
@@ -24,28 +26,55 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Resu
     } else {
         Output::file(out, extension, &needed)
     }?;
-    // a command is never cancelled here
-    let count = write_splats(run, &shown, &times, &output, format, || true)?.unwrap_or_default();
+    let refit_steps = args.refit.unwrap_or_else(|| refit::default_steps(run));
+    if let Some(note) = (refit_steps > 0).then(|| run.surroundings().note).flatten() {
+        errln!("note: {note}");
+    }
+    let stop = stop_flag("stopping after this step; nothing is written")?;
+    let bar = progress::bar(times.len() * (refit_steps + 1), if refit_steps > 0 { "steps" } else { "files" });
+    let written = write_splats(run, &shown, &times, &output, format, refit_steps, || {
+        bar.inc(1);
+        !stop.load(Ordering::Relaxed)
+    })?;
+    bar.finish_and_clear();
+    let Some(written) = written else { return Err(CliError::failure("interrupted; nothing is written")) };
     let files: Vec<String> = (0..times.len()).map(|i| output.place(i).1.display().to_string()).collect();
     let edited = !args.shown.no_edits && !run.edits()?.operations.is_empty();
-    output.finish(&Record::new(run, extension, &times, edited, &args.shown.segments), &needed)?;
-    errln!("{} file(s), {count} Gaussians each: {}", files.len(), out.display());
+    let record = Record { refit_steps, ..Record::new(run, extension, &times, edited, &args.shown.segments) };
+    output.finish(&record, &needed)?;
+    errln!("{} file(s), {} Gaussians each: {}", files.len(), written.gaussians, out.display());
+    if written.refits.is_empty() {
+        note(run);
+    } else {
+        let mean = |psnr: fn(&Refit) -> f64| written.refits.iter().map(psnr).sum::<f64>() / files.len() as f64;
+        errln!(
+            "refitted, as other viewers draw Gaussians differently: their views have a PSNR of {:.1} dB against \
+             `volseggs render`, without refitting {:.1} dB ({} views not used for it); --refit 0 writes it as trained",
+            mean(|refit| refit.psnr_after),
+            mean(|refit| refit.psnr_before),
+            refit::MEASURED
+        );
+    }
+    if args.common.json {
+        let gaussians = written.gaussians;
+        print_json(&serde_json::json!({ "files": files, "gaussians": gaussians, "refit": written.refits }))?;
+    }
+    Ok(())
+}
+
+/// Tells what other viewers show differently.
+fn note(run: &OpenRun) {
     let Rendering { dilation, path_opacity, .. } = run.scene.spec.rendering();
     if dilation != DILATION {
         errln!(
             "note: trained with a dilation of {dilation} pixels squared, which the file cannot store; viewers that dilate \
-             by {DILATION}, as most do, show it differently from `volseggs render`"
+             by {DILATION}, as most do, show it differently from `volseggs render`; --refit 300 adapts it"
         );
     }
     if path_opacity != 0.0 {
         errln!(
             "note: trained with opacities that depend on the direction of view (model.path_opacity = {path_opacity}), which \
-             the file cannot store: other viewers draw it worse, by a decibel or two; to export for them, train with \
-             --set model.path_opacity=0"
+             the file cannot store: other viewers draw it worse, by some decibels; --refit 300 adapts it"
         );
     }
-    if args.common.json {
-        print_json(&serde_json::json!({ "files": files, "gaussians": count }))?;
-    }
-    Ok(())
 }

@@ -1,8 +1,10 @@
 //! Export of a run's Gaussians, and of the labels of its segments, to files of other programs.
 
 mod output;
+pub mod refit;
 
 pub use output::{Output, Record};
+pub use refit::Refit;
 
 use super::labels::Labels;
 use super::selection::Selection;
@@ -10,6 +12,7 @@ use super::{OpenRun, RunError};
 use crate::export::labels::{LabelVolume, LabelsError, Space, write_nrrd, write_vti};
 use crate::export::splat_file::SplatFileError;
 use crate::export::{ply, spz};
+use crate::model::Model;
 use std::path::Path;
 
 /// The format of a file of Gaussians.
@@ -52,20 +55,31 @@ impl LabelFormat {
     }
 }
 
+/// What was written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Written {
+    /// Gaussians in each file.
+    pub gaussians: usize,
+    /// What refitting achieved for each file; empty without it.
+    pub refits: Vec<Refit>,
+}
+
 /// Writes what is shown at each of `times` in [0, 1] to its place in `output`: edited, reduced to the selected
-/// segments, without the Gaussians that edits hide. Returns the number of Gaussians in each file, or `None` if
-/// `goes_on`, called after each file, stopped it.
+/// segments, without the Gaussians that edits hide; with `refit_steps` above 0, refitted in as many steps to how other
+/// programs draw them, see [`refit`]. Returns `None` if `goes_on`, called after each step and after each file, stopped
+/// it.
 ///
 /// # Errors
-/// If nothing is left to write, an edit cannot be applied, or a file cannot be written.
+/// If nothing is left to write, an edit cannot be applied, refitting fails, or a file cannot be written.
 pub fn write_splats(
     run: &OpenRun,
     shown: &Selection,
     times: &[f64],
     output: &Output,
     format: SplatFormat,
+    refit_steps: usize,
     mut goes_on: impl FnMut() -> bool,
-) -> Result<Option<usize>, RunError> {
+) -> Result<Option<Written>, RunError> {
     // what is hidden is hidden at every time
     let count = shown.visible(&run.scene, 0.0)?.len();
     if count == 0 {
@@ -73,8 +87,16 @@ pub fn write_splats(
             "nothing to write: no Gaussian is left; see `volseggs edit list`, or pass --no-edits",
         ));
     }
+    let (around, mut refits) = ((refit_steps > 0).then(|| run.surroundings()), Vec::new());
     for (i, time) in times.iter().enumerate() {
-        let at = shown.visible(&run.scene, *time as f32)?.with_unit_rotations();
+        let mut at = shown.visible(&run.scene, *time as f32)?.with_unit_rotations();
+        if let Some(around) = &around {
+            let (rendering, device) = (run.scene.spec.rendering(), run.scene.device());
+            let refitted = refit::refit(&at, rendering, around, refit_steps, &device, &mut goes_on)?;
+            let Some((gaussians, refit)) = refitted else { return Ok(None) };
+            at = gaussians;
+            refits.push(refit);
+        }
         let write = match format {
             SplatFormat::Ply => ply::write,
             SplatFormat::Spz => spz::write,
@@ -85,11 +107,12 @@ pub fn write_splats(
             e @ SplatFileError::Shape(_) => RunError::input(format!("{e}; write .ply, or pass --no-edits")),
             e => RunError::failure(e),
         })?;
-        if !goes_on() {
+        // after the last file there is nothing left to stop
+        if !goes_on() && i + 1 < times.len() {
             return Ok(None);
         }
     }
-    Ok(Some(count))
+    Ok(Some(Written { gaussians: count, refits }))
 }
 
 /// Writes the label of each voxel, as returned by [`Labels::at`], to `path`; `edited` says whether they are of the

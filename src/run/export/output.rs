@@ -30,6 +30,8 @@ pub struct Record<'a> {
     pub edited: bool,
     /// Segments in the files; the whole scene if empty.
     pub segments: &'a [String],
+    /// Steps in which they were refitted to how other programs draw them, see [`super::refit`]; 0 as trained.
+    pub refit_steps: usize,
 }
 
 impl<'a> Record<'a> {
@@ -37,7 +39,7 @@ impl<'a> Record<'a> {
     #[must_use]
     pub fn new(run: &OpenRun, format: &'static str, times: &'a [f64], edited: bool, segments: &'a [String]) -> Self {
         let (version, run) = (env!("CARGO_PKG_VERSION"), run.path.display().to_string());
-        Self { version, run, format, times, edited, segments }
+        Self { version, run, format, times, edited, segments, refit_steps: 0 }
     }
 }
 

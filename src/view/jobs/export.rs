@@ -1,7 +1,7 @@
 //! Files for other programs, as `export` writes them, in the run folder.
 
 use super::board::Reporter;
-use crate::run::export::{LabelFormat, Output, Record, SplatFormat, write_labels, write_splats};
+use crate::run::export::{LabelFormat, Output, Record, SplatFormat, refit, write_labels, write_splats};
 use crate::run::labels::{LabelPlan, Labels};
 use crate::run::selection::Selection;
 use crate::run::{OpenRun, RunError};
@@ -66,12 +66,17 @@ impl Export<'_> {
         let shown = Selection::open(run, self.segments, self.edited)?;
         let output = self.place(&run.paths().exported(), "scene")?;
         let mut done = 0;
-        let Some(count) = write_splats(run, &shown, self.times, &output, format, || self.one_more(&mut done, report))?
-        else {
+        let refit_steps = refit::default_steps(run);
+        let (unit, all) = if refit_steps > 0 { ("steps", refit_steps + 1) } else { ("times", 1) };
+        let one_more = || {
+            done += 1;
+            report.at(unit, done, all * self.times.len(), None)
+        };
+        let Some(written) = write_splats(run, &shown, self.times, &output, format, refit_steps, one_more)? else {
             return Ok(None);
         };
-        let message = format!("{count} Gaussians: {}", output.path().display());
-        output.finish(&self.record(run, self.segments), &[])?;
+        let message = format!("{} Gaussians: {}", written.gaussians, output.path().display());
+        output.finish(&Record { refit_steps, ..self.record(run, self.segments) }, &[])?;
         Ok(Some(message))
     }
 

@@ -1,0 +1,189 @@
+//! Gaussians refitted to how other programs draw them.
+//!
+//! A file of Gaussians holds one opacity for each and harmonics of all bands, and its readers widen each Gaussian by
+//! [`DILATION`]. A scene trained with `model.path_opacity`, another dilation, a headlight or band 4 looks different
+//! there, its outlines above all. Refitting trains opacities, scales and colours until the Gaussians, drawn as other
+//! programs draw them, look as the scene does here. The scene's own pictures from all around are the targets, so
+//! neither the dataset nor the volume is needed. Means and rotations stay.
+
+use crate::data::paths::training_cameras;
+use crate::metrics::psnr::psnr;
+use crate::model::params::to_vec;
+use crate::model::{Gaussians, HostGaussians, Rendering, Scene};
+use crate::rng::{Purpose, Rng};
+use crate::run::cameras::Surroundings;
+use crate::run::{OpenRun, RunError};
+use crate::train::optimizer::{AdamConstants, Optimizer};
+use burn::module::Module;
+use burn::tensor::{Device, Tensor};
+use serde::Serialize;
+use volseggs_kernels::Camera;
+use volseggs_kernels::photometric::{Distance, photometric_loss};
+use volseggs_kernels::sh::Bands;
+use volseggs_kernels::splat::{DILATION, splat};
+
+/// Steps that suffice for most scenes.
+pub const STEPS: usize = 300;
+
+/// Returns the number of steps for files of this run if the user names none: 0 if other programs draw them as this one
+/// does, or if the cameras of the dataset are unknown, so that nobody knows from how far away they are looked at.
+#[must_use]
+pub fn default_steps(run: &OpenRun) -> usize {
+    let Scene { gaussians, spec, .. } = &run.scene;
+    let Rendering { dilation, path_opacity, .. } = spec.rendering();
+    let plain = gaussians.headlight.is_none() && Bands::of_any(gaussians.sh.dims()[1]) == Bands::All;
+    let alike = plain && dilation == DILATION && path_opacity == 0.0;
+    if alike || run.surroundings().note.is_some() { 0 } else { STEPS }
+}
+
+/// Views by which the result is measured, from other directions.
+pub const MEASURED: usize = 8;
+
+/// Weight of alpha: that of one colour channel, as other programs have backgrounds of their own.
+const ALPHA: f32 = 1.0 / 3.0;
+
+/// Learning rates fall to this fraction by the last step.
+const FINAL: f64 = 0.1;
+
+/// How close Gaussians drawn as other programs do come to the scene: mean PSNR over eight views that were not refitted,
+/// in dB.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Refit {
+    /// As they would have been written.
+    pub psnr_before: f64,
+    /// Refitted.
+    pub psnr_after: f64,
+}
+
+/// Refits the Gaussians `shown` at one time, which the run draws with `rendering`, in `steps` steps of one view each;
+/// `None` if `goes_on`, called after each step, stopped it. The same arguments give the same bits on a CPU.
+///
+/// # Errors
+/// If a number is not finite.
+pub fn refit(
+    shown: &HostGaussians,
+    rendering: Rendering,
+    around: &Surroundings,
+    steps: usize,
+    device: &Device,
+    mut goes_on: impl FnMut() -> bool,
+) -> Result<Option<(HostGaussians, Refit)>, RunError> {
+    let plain = shown.baked();
+    let elsewhere = Rendering { sh_degree: plain.sh_degree(), dilation: DILATION, path_opacity: 0.0, ..rendering };
+    let scene = shown.to_splat(device);
+    let target = |camera: &Camera| splat(scene.clone(), rendering.seen_by(*camera)).image;
+    let measure = |gaussians: &HostGaussians| {
+        let inputs = gaussians.to_splat(device);
+        mean_psnr(around, |camera| [target(camera), splat(inputs.clone(), elsewhere.seen_by(*camera)).image])
+    };
+
+    let mut cameras = training_cameras(steps, around.sphere, around.lens);
+    Rng::new(0, 0, Purpose::Refit).shuffle(&mut cameras);
+    let mut gaussians = Gaussians::from_host(plain.clone(), &device.clone().autodiff());
+    let mut optimizer = Optimizer::new(AdamConstants { betas: [0.9, 0.99], epsilon: 1e-15, sh_rest: 1.0 });
+    for (step, camera) in cameras.iter().enumerate() {
+        let camera = camera.to_kernel();
+        let image = splat(gaussians.val(), elsewhere.seen_by(camera)).image;
+        let loss = photometric_loss(image, Tensor::from_inner(target(&camera)), Distance::Squared, ALPHA).loss;
+        let mut gradients = loss.backward();
+        let slower = FINAL.powf(step as f64 / steps as f64);
+        let (stepped, bad) = optimizer.step(gaussians, &mut gradients, |name| rate(name).map(|rate| rate * slower));
+        gaussians = stepped;
+        if let Some(bad) = bad {
+            return Err(RunError::failure(format!("refitting, step {step}: {bad} is not finite; export without it")));
+        }
+        if !goes_on() {
+            return Ok(None);
+        }
+    }
+    let refitted = gaussians.valid().to_host();
+    let fit = Refit { psnr_before: measure(&plain)?, psnr_after: measure(&refitted)? };
+    Ok(Some((refitted, fit)))
+}
+
+/// The learning rate of an attribute in the first step, as in training; `None` if it stays.
+fn rate(name: &str) -> Option<f64> {
+    match name {
+        "opacity_logits" => Some(0.05),
+        "log_scales" | "sh" => Some(0.005),
+        _ => None,
+    }
+}
+
+/// The mean PSNR over views all around of two pictures `[H, W, 4]` of each camera.
+fn mean_psnr(around: &Surroundings, mut pictures: impl FnMut(&Camera) -> [Tensor<3>; 2]) -> Result<f64, RunError> {
+    let colours = |image: Tensor<3>| to_vec(image).chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
+    let mut sum = 0.0;
+    for camera in training_cameras(MEASURED, around.sphere, around.lens) {
+        let [a, b] = pictures(&camera.to_kernel()).map(colours);
+        sum += psnr(&a, &b).map_err(RunError::failure)?;
+    }
+    Ok(sum / MEASURED as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::paths::{Lens, Sphere};
+    use crate::device::DeviceName;
+
+    /// Flat discs, turned all ways, which a path length makes much denser along their edges.
+    fn discs() -> HostGaussians {
+        let n = 40;
+        let at = |i: usize, k: f32| (i as f32 * k).sin();
+        HostGaussians {
+            means: (0..n).flat_map(|i| [0.7 * at(i, 1.3), 0.7 * at(i, 2.1), 0.7 * at(i, 3.7)]).collect(),
+            rotations: (0..n).flat_map(|i| [1.0, at(i, 0.9), at(i, 1.7), at(i, 2.9)]).collect(),
+            log_scales: (0..n).flat_map(|_| [-1.5, -1.5, -4.5]).collect(),
+            opacity_logits: vec![-0.5; n],
+            sh: (0..18 * n).map(|i| 0.3 * at(i, 0.37)).collect(),
+            sh_stride: 6,
+            ..HostGaussians::default()
+        }
+        .with_unit_rotations()
+    }
+
+    fn around() -> Surroundings {
+        Surroundings { lens: Lens { fov_x: 0.5, width: 40, height: 32 }, sphere: Sphere::from(4.0), note: None }
+    }
+
+    fn rendering() -> Rendering {
+        Rendering { background: [1.0; 3], sh_degree: 2, dilation: 0.05, path_opacity: 1.0 }
+    }
+
+    #[test]
+    fn drawn_as_others_do_they_look_more_as_they_do_here_whatever_the_thread_count() {
+        let device = DeviceName::all()[0].open().unwrap();
+        let fit = || refit(&discs(), rendering(), &around(), 120, &device, || true).unwrap().unwrap();
+        let (refitted, gain) = fit();
+        assert!(gain.psnr_after > gain.psnr_before + 3.0, "{gain:?}");
+        assert_eq!((refitted.sh_stride, refitted.mismatched_column()), (9, None));
+        assert_eq!((&refitted.means, &refitted.rotations), (&discs().means, &discs().rotations));
+        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        assert_eq!(one.install(fit), (refitted, gain));
+    }
+
+    #[test]
+    fn what_others_draw_alike_stays_and_a_stop_is_heard() {
+        let device = DeviceName::all()[0].open().unwrap();
+        let alike = Rendering { dilation: DILATION, path_opacity: 0.0, ..rendering() };
+        let plain = discs().baked();
+        let (same, gain) = refit(&plain, alike, &around(), 3, &device, || true).unwrap().unwrap();
+        assert_eq!((same, gain.psnr_before), (plain.clone(), f64::INFINITY));
+        let mut steps = 0;
+        let stopped = refit(&plain, rendering(), &around(), 9, &device, || {
+            steps += 1;
+            steps < 4
+        });
+        assert_eq!((stopped.unwrap(), steps), (None, 4));
+    }
+
+    #[test]
+    fn a_number_that_is_not_finite_is_an_error() {
+        let device = DeviceName::all()[0].open().unwrap();
+        let mut discs = discs();
+        discs.sh[4] = f32::NAN;
+        let error = refit(&discs, rendering(), &around(), 2, &device, || true).unwrap_err().to_string();
+        assert!(error.contains("refitting, step 0") && error.contains("not finite"), "{error}");
+    }
+}
