@@ -291,6 +291,9 @@ fn export_writes_conventional_ply_files() {
     assert_eq!(names(&folder.path().join("spz-frames")), ["0000.spz", "0001.spz", "export.json"]);
     refused(&mut command(&["export", "--dims", "8,8,8", "--out", "x.spz"]), &["--dims", "labels on voxels"]);
     refused(&mut command(&["export", "--refit", "9", "--out", "x.vti"]), &["--refit", "only for Gaussians"]);
+    for steps in ["-1", "1000000"] {
+        refused(&mut command(&["export", "--refit", steps, "--out", "x.ply"]), &["--refit", steps]);
+    }
 
     let frames = text(folder.path(), "frames");
     let report = output(command(&as_trained).args([&frames, "--frames", "3", "--json"]));

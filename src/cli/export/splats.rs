@@ -26,7 +26,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Resu
     } else {
         Output::file(out, extension, &needed)
     }?;
-    let refit_steps = args.refit.unwrap_or_else(|| refit::default_steps(run));
+    let refit_steps = args.refit.map_or_else(|| refit::default_steps(run), |steps| steps as usize);
     if let Some(note) = (refit_steps > 0).then(|| run.surroundings().note).flatten() {
         errln!("note: {note}");
     }
