@@ -1,19 +1,19 @@
 //! Exponential and logarithm without branches or calls, so that loops over lanes of numbers become vector instructions;
 //! those of the standard library are one call for each number. Both keep NaN.
 
-/// `e^x` with a relative error below 3e-7. The smallest result is 1.2e-38, for any smaller argument; beyond 88 it is
-/// 1.7e38.
+/// ln 2 in two parts, of which the first has few bits, so that its products with small integers are exact.
+const LN_2: [f32; 2] = [0.693_359_4, -2.121_944_4e-4];
+
+/// `e^x` with a relative error below 3e-7, for `x` bounded to [-87, 88], so that the result is neither subnormal nor
+/// infinite.
 #[inline(always)]
 pub(crate) fn exp(x: f32) -> f32 {
     // adding 1.5 * 2^23 leaves the rounded number in the low bits of the mantissa
     const MAGIC: f32 = 12_582_912.0;
-    // ln 2 in two parts, of which the first has few bits, so that its products are exact
-    const HIGH: f32 = 0.693_359_4;
-    const LOW: f32 = -2.121_944_4e-4;
     let x = x.clamp(-87.0, 88.0);
     let rounded = x * std::f32::consts::LOG2_E + MAGIC;
     let n = rounded - MAGIC;
-    let r = (x - n * HIGH) - n * LOW;
+    let r = (x - n * LN_2[0]) - n * LN_2[1];
     let mut q = 1.987_569_1e-4;
     for c in [1.398_199_9e-3, 8.333_452e-3, 4.166_579_6e-2, 0.166_666_65, 0.5] {
         q = q * r + c;
@@ -22,12 +22,10 @@ pub(crate) fn exp(x: f32) -> f32 {
     f32::from_bits(power.to_bits().wrapping_add(rounded.to_bits() << 23))
 }
 
-/// The natural logarithm of a positive number that is not subnormal, with an error below 1.5e-7 of the result, or of the
-/// distance from 1; of infinity infinity, of other numbers any value.
+/// The natural logarithm of a positive number that is not subnormal, with a relative error below 1.5e-7, also near 1; of
+/// infinity infinity, of other numbers any value.
 #[inline(always)]
 pub(crate) fn ln(x: f32) -> f32 {
-    const HIGH: f32 = 0.693_359_4;
-    const LOW: f32 = -2.121_944_4e-4;
     /// The bits of the square root of one half.
     const ROOT: u32 = 0x3f35_04f3;
     let exponent = (x.to_bits().wrapping_sub(ROOT) as i32) >> 23;
@@ -47,7 +45,7 @@ pub(crate) fn ln(x: f32) -> f32 {
         q = q * f + c;
     }
     let square = f * f;
-    let value = n * HIGH + (f + (q * f * square + (n * LOW - 0.5 * square)));
+    let value = n * LN_2[0] + (f + (q * f * square + (n * LN_2[1] - 0.5 * square)));
     if x < f32::INFINITY { value } else { x }
 }
 
