@@ -25,17 +25,6 @@ use volseggs_kernels::splat::{DILATION, splat};
 /// Steps that suffice for most scenes.
 pub const STEPS: usize = 300;
 
-/// Returns the number of steps for files of this run if the user names none: 0 if other programs draw them as this one
-/// does, or if the cameras of the dataset are unknown, so that nobody knows from how far away they are looked at.
-#[must_use]
-pub fn default_steps(run: &OpenRun) -> usize {
-    let Scene { gaussians, spec, .. } = &run.scene;
-    let Rendering { dilation, path_opacity, .. } = spec.rendering();
-    let plain = gaussians.headlight.is_none() && Bands::of_any(gaussians.sh.dims()[1]) == Bands::All;
-    let alike = plain && dilation == DILATION && path_opacity == 0.0;
-    if alike || run.surroundings().note.is_some() { 0 } else { STEPS }
-}
-
 /// Views by which the result is measured, from other directions.
 pub const MEASURED: usize = 8;
 
@@ -53,6 +42,17 @@ pub struct Refit {
     pub psnr_before: f64,
     /// Refitted.
     pub psnr_after: f64,
+}
+
+/// Returns the number of steps for files of this run if the user names none: 0 if other programs draw them as this one
+/// does, or if the cameras of the dataset are unknown, so that nobody knows from how far away they are looked at.
+#[must_use]
+pub fn default_steps(run: &OpenRun) -> usize {
+    let Scene { gaussians, spec, .. } = &run.scene;
+    let Rendering { dilation, path_opacity, .. } = spec.rendering();
+    let plain = gaussians.headlight.is_none() && Bands::of_any(gaussians.sh.dims()[1]) == Bands::All;
+    let alike = plain && dilation == DILATION && path_opacity == 0.0;
+    if alike || run.surroundings().note.is_some() { 0 } else { STEPS }
 }
 
 /// Refits the Gaussians `shown` at one time, which the run draws with `rendering`, in `steps` steps of one view each;
