@@ -35,7 +35,7 @@ pub fn forward(rays: &RaySamples, depths: &[f32], colours: &[f32], background: [
 }
 
 /// `1 - exp(-depth)`, accurate for small depths.
-pub(crate) fn opacity(depth: f32) -> f32 {
+fn opacity(depth: f32) -> f32 {
     -(-depth).exp_m1()
 }
 

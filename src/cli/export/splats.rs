@@ -5,7 +5,7 @@ use super::ExportArgs;
 use crate::log::progress;
 use crate::model::Rendering;
 use crate::run::OpenRun;
-use crate::run::export::{Output, Record, Refit, SplatFormat, refit, write_splats};
+use crate::run::export::{MEASURED, Output, Record, Refit, RefitPlan, SplatFormat, write_splats};
 use std::sync::atomic::Ordering;
 use volseggs_kernels::splat::DILATION;
 
@@ -26,13 +26,14 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Resu
     } else {
         Output::file(out, extension, &needed)
     }?;
-    let refit_steps = args.refit.map_or_else(|| refit::default_steps(run), |steps| steps as usize);
-    if let Some(note) = (refit_steps > 0).then(|| run.surroundings().note).flatten() {
+    let plan = RefitPlan::new(run, args.refit.map(|steps| steps as usize));
+    let refit_steps = plan.as_ref().map_or(0, |plan| plan.steps);
+    if let Some(note) = plan.as_ref().and_then(|plan| plan.around.note.as_ref()) {
         errln!("note: {note}");
     }
     let stop = stop_flag("stopping after this step; nothing is written")?;
     let bar = progress::bar(times.len() * (refit_steps + 1), if refit_steps > 0 { "steps" } else { "files" });
-    let written = write_splats(run, &shown, &times, &output, format, refit_steps, || {
+    let written = write_splats(run, &shown, &times, &output, format, plan.as_ref(), || {
         bar.inc(1);
         !stop.load(Ordering::Relaxed)
     })?;
@@ -52,7 +53,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Resu
              `volseggs render`, without refitting {:.1} dB ({} views not used for it); --refit 0 writes it as trained",
             mean(|refit| refit.psnr_after),
             mean(|refit| refit.psnr_before),
-            refit::MEASURED
+            MEASURED
         );
     }
     if args.common.json {

@@ -1,10 +1,10 @@
 //! Export of a run's Gaussians, and of the labels of its segments, to files of other programs.
 
 mod output;
-pub mod refit;
+mod refit;
 
 pub use output::{Output, Record};
-pub use refit::Refit;
+pub use refit::{MEASURED, Refit, RefitPlan};
 
 use super::labels::Labels;
 use super::selection::Selection;
@@ -65,9 +65,8 @@ pub struct Written {
 }
 
 /// Writes what is shown at each of `times` in [0, 1] to its place in `output`: edited, reduced to the selected
-/// segments, without the Gaussians that edits hide; with `refit_steps` above 0, refitted in as many steps to how other
-/// programs draw them, see [`refit`]. Returns `None` if `goes_on`, called after each step and after each file, stopped
-/// it.
+/// segments, without the Gaussians that edits hide; with a `plan`, refitted to how other programs draw them.
+/// Returns `None` if `goes_on`, called after each step and after each file, stopped it.
 ///
 /// # Errors
 /// If nothing is left to write, an edit cannot be applied, refitting fails, or a file cannot be written.
@@ -77,7 +76,7 @@ pub fn write_splats(
     times: &[f64],
     output: &Output,
     format: SplatFormat,
-    refit_steps: usize,
+    plan: Option<&RefitPlan>,
     mut goes_on: impl FnMut() -> bool,
 ) -> Result<Option<Written>, RunError> {
     // what is hidden is hidden at every time
@@ -87,12 +86,12 @@ pub fn write_splats(
             "nothing to write: no Gaussian is left; see `volseggs edit list`, or pass --no-edits",
         ));
     }
-    let (around, mut refits) = ((refit_steps > 0).then(|| run.surroundings()), Vec::new());
+    let mut refits = Vec::new();
     for (i, time) in times.iter().enumerate() {
         let mut at = shown.visible(&run.scene, *time as f32)?.with_unit_rotations();
-        if let Some(around) = &around {
+        if let Some(plan) = plan {
             let (rendering, device) = (run.scene.spec.rendering(), run.scene.device());
-            let refitted = refit::refit(&at, rendering, around, refit_steps, &device, &mut goes_on)?;
+            let refitted = refit::refit(&at, rendering, plan, &device, &mut goes_on)?;
             let Some((gaussians, refit)) = refitted else { return Ok(None) };
             at = gaussians;
             refits.push(refit);

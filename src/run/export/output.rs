@@ -30,7 +30,7 @@ pub struct Record<'a> {
     pub edited: bool,
     /// Segments in the files; the whole scene if empty.
     pub segments: &'a [String],
-    /// Steps in which they were refitted to how other programs draw them, see [`super::refit`]; 0 as trained.
+    /// Steps in which they were refitted to how other programs draw them, see [`super::RefitPlan`]; 0 as trained.
     pub refit_steps: usize,
 }
 

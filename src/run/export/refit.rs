@@ -23,7 +23,7 @@ use volseggs_kernels::sh::Bands;
 use volseggs_kernels::splat::{DILATION, splat};
 
 /// Steps that suffice for most scenes.
-pub const STEPS: usize = 300;
+const STEPS: usize = 300;
 
 /// Views by which the result is measured, from other directions.
 pub const MEASURED: usize = 8;
@@ -44,40 +44,55 @@ pub struct Refit {
     pub psnr_after: f64,
 }
 
-/// Returns the number of steps for files of this run if the user names none: 0 if other programs draw them as this one
-/// does, or if the cameras of the dataset are unknown, so that nobody knows from how far away they are looked at.
-#[must_use]
-pub fn default_steps(run: &OpenRun) -> usize {
-    let Scene { gaussians, spec, .. } = &run.scene;
-    let Rendering { dilation, path_opacity, .. } = spec.rendering();
-    let plain = gaussians.headlight.is_none() && Bands::of_any(gaussians.sh.dims()[1]) == Bands::All;
-    let alike = plain && dilation == DILATION && path_opacity == 0.0;
-    if alike || run.surroundings().note.is_some() { 0 } else { STEPS }
+/// How to refit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RefitPlan {
+    /// Number of steps, of one view each; at least 1.
+    pub steps: usize,
+    /// Lens and distance of the views.
+    pub around: Surroundings,
 }
 
-/// Refits the Gaussians `shown` at one time, which the run draws with `rendering`, in `steps` steps of one view each;
-/// `None` if `goes_on`, called after each step, stopped it. The same arguments give the same bits on a CPU.
+impl RefitPlan {
+    /// Plans `steps` steps for files of `run`; `None` for 0 steps. Without a number, there are none if other programs draw
+    /// them as this one does, or if the cameras of the dataset are unknown, so that nobody knows from how far away they
+    /// are looked at, and otherwise 300.
+    #[must_use]
+    pub fn new(run: &OpenRun, steps: Option<usize>) -> Option<Self> {
+        if steps == Some(0) || steps.is_none() && drawn_alike(&run.scene) {
+            return None;
+        }
+        let around = run.surroundings();
+        (steps.is_some() || around.note.is_none()).then(|| Self { steps: steps.unwrap_or(STEPS), around })
+    }
+}
+
+/// Whether other programs draw the scene as this one does.
+fn drawn_alike(scene: &Scene) -> bool {
+    let Rendering { dilation, path_opacity, .. } = scene.spec.rendering();
+    let gaussians = &scene.gaussians;
+    let plain = gaussians.headlight.is_none() && Bands::of_any(gaussians.sh.dims()[1]) == Bands::All;
+    plain && dilation == DILATION && path_opacity == 0.0
+}
+
+/// Refits the Gaussians `shown` at one time, which the run draws with `rendering`, as planned; `None` if `goes_on`, called after each step, stopped it. The same arguments give the same bits on a CPU.
 ///
 /// # Errors
 /// If a number is not finite.
-pub fn refit(
+pub(super) fn refit(
     shown: &HostGaussians,
     rendering: Rendering,
-    around: &Surroundings,
-    steps: usize,
+    plan: &RefitPlan,
     device: &Device,
     mut goes_on: impl FnMut() -> bool,
 ) -> Result<Option<(HostGaussians, Refit)>, RunError> {
+    let RefitPlan { steps, around } = plan;
     let plain = shown.baked();
     let elsewhere = Rendering { sh_degree: plain.sh_degree(), dilation: DILATION, path_opacity: 0.0, ..rendering };
     let scene = shown.to_splat(device);
     let target = |camera: &Camera| splat(scene.clone(), rendering.seen_by(*camera)).image;
-    let measure = |gaussians: &HostGaussians| {
-        let inputs = gaussians.to_splat(device);
-        mean_psnr(around, |camera| [target(camera), splat(inputs.clone(), elsewhere.seen_by(*camera)).image])
-    };
 
-    let mut cameras = training_cameras(steps, around.sphere, around.lens);
+    let mut cameras = training_cameras(*steps, around.sphere, around.lens);
     Rng::new(0, 0, Purpose::Refit).shuffle(&mut cameras);
     let mut gaussians = Gaussians::from_host(plain.clone(), &device.clone().autodiff());
     let mut optimizer = Optimizer::new(AdamConstants { betas: [0.9, 0.99], epsilon: 1e-15, sh_rest: 1.0 });
@@ -86,7 +101,7 @@ pub fn refit(
         let image = splat(gaussians.val(), elsewhere.seen_by(camera)).image;
         let loss = photometric_loss(image, Tensor::from_inner(target(&camera)), Distance::Squared, ALPHA).loss;
         let mut gradients = loss.backward();
-        let slower = FINAL.powf(step as f64 / steps as f64);
+        let slower = FINAL.powf(step as f64 / *steps as f64);
         let (stepped, bad) = optimizer.step(gaussians, &mut gradients, |name| rate(name).map(|rate| rate * slower));
         gaussians = stepped;
         if let Some(bad) = bad {
@@ -97,8 +112,18 @@ pub fn refit(
         }
     }
     let refitted = gaussians.valid().to_host();
-    let fit = Refit { psnr_before: measure(&plain)?, psnr_after: measure(&refitted)? };
-    Ok(Some((refitted, fit)))
+    let both = [&plain, &refitted].map(|gaussians| gaussians.to_splat(device));
+    let mut sums = [0.0; 2];
+    for camera in training_cameras(MEASURED, around.sphere, around.lens) {
+        let camera = camera.to_kernel();
+        let scene = colours(target(&camera));
+        for (sum, inputs) in sums.iter_mut().zip(&both) {
+            let there = colours(splat(inputs.clone(), elsewhere.seen_by(camera)).image);
+            *sum += psnr(&scene, &there).map_err(RunError::failure)?;
+        }
+    }
+    let [psnr_before, psnr_after] = sums.map(|sum| sum / MEASURED as f64);
+    Ok(Some((refitted, Refit { psnr_before, psnr_after })))
 }
 
 /// The learning rate of an attribute in the first step, as in training; `None` if it stays.
@@ -110,15 +135,9 @@ fn rate(name: &str) -> Option<f64> {
     }
 }
 
-/// The mean PSNR over views all around of two pictures `[H, W, 4]` of each camera.
-fn mean_psnr(around: &Surroundings, mut pictures: impl FnMut(&Camera) -> [Tensor<3>; 2]) -> Result<f64, RunError> {
-    let colours = |image: Tensor<3>| to_vec(image).chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect::<Vec<_>>();
-    let mut sum = 0.0;
-    for camera in training_cameras(MEASURED, around.sphere, around.lens) {
-        let [a, b] = pictures(&camera.to_kernel()).map(colours);
-        sum += psnr(&a, &b).map_err(RunError::failure)?;
-    }
-    Ok(sum / MEASURED as f64)
+/// The colours `[H * W * 3]` of a picture `[H, W, 4]`.
+fn colours(image: Tensor<3>) -> Vec<f32> {
+    to_vec(image).chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect()
 }
 
 #[cfg(test)]
@@ -143,8 +162,10 @@ mod tests {
         .with_unit_rotations()
     }
 
-    fn around() -> Surroundings {
-        Surroundings { lens: Lens { fov_x: 0.5, width: 40, height: 32 }, sphere: Sphere::from(4.0), note: None }
+    fn plan(steps: usize) -> RefitPlan {
+        let around =
+            Surroundings { lens: Lens { fov_x: 0.5, width: 40, height: 32 }, sphere: Sphere::from(4.0), note: None };
+        RefitPlan { steps, around }
     }
 
     fn rendering() -> Rendering {
@@ -154,7 +175,7 @@ mod tests {
     #[test]
     fn drawn_as_others_do_they_look_more_as_they_do_here_whatever_the_thread_count() {
         let device = DeviceName::all()[0].open().unwrap();
-        let fit = || refit(&discs(), rendering(), &around(), 120, &device, || true).unwrap().unwrap();
+        let fit = || refit(&discs(), rendering(), &plan(120), &device, || true).unwrap().unwrap();
         let (refitted, gain) = fit();
         assert!(gain.psnr_after > gain.psnr_before + 3.0, "{gain:?}");
         assert_eq!((refitted.sh_stride, refitted.mismatched_column()), (9, None));
@@ -168,10 +189,10 @@ mod tests {
         let device = DeviceName::all()[0].open().unwrap();
         let alike = Rendering { dilation: DILATION, path_opacity: 0.0, ..rendering() };
         let plain = discs().baked();
-        let (same, gain) = refit(&plain, alike, &around(), 3, &device, || true).unwrap().unwrap();
+        let (same, gain) = refit(&plain, alike, &plan(3), &device, || true).unwrap().unwrap();
         assert_eq!((same, gain.psnr_before), (plain.clone(), f64::INFINITY));
         let mut steps = 0;
-        let stopped = refit(&plain, rendering(), &around(), 9, &device, || {
+        let stopped = refit(&plain, rendering(), &plan(9), &device, || {
             steps += 1;
             steps < 4
         });
@@ -183,7 +204,7 @@ mod tests {
         let device = DeviceName::all()[0].open().unwrap();
         let mut discs = discs();
         discs.sh[4] = f32::NAN;
-        let error = refit(&discs, rendering(), &around(), 2, &device, || true).unwrap_err().to_string();
+        let error = refit(&discs, rendering(), &plan(2), &device, || true).unwrap_err().to_string();
         assert!(error.contains("refitting, step 0") && error.contains("not finite"), "{error}");
     }
 }

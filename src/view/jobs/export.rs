@@ -1,7 +1,7 @@
 //! Files for other programs, as `export` writes them, in the run folder.
 
 use super::board::Reporter;
-use crate::run::export::{LabelFormat, Output, Record, SplatFormat, refit, write_labels, write_splats};
+use crate::run::export::{LabelFormat, Output, Record, RefitPlan, SplatFormat, write_labels, write_splats};
 use crate::run::labels::{LabelPlan, Labels};
 use crate::run::selection::Selection;
 use crate::run::{OpenRun, RunError};
@@ -66,16 +66,18 @@ impl Export<'_> {
         let shown = Selection::open(run, self.segments, self.edited)?;
         let output = self.place(&run.paths().exported(), "scene")?;
         let mut done = 0;
-        let refit_steps = refit::default_steps(run);
-        let (unit, all) = if refit_steps > 0 { ("steps", refit_steps + 1) } else { ("times", 1) };
+        let plan = RefitPlan::new(run, None);
+        let unit = if plan.is_some() { "steps" } else { "times" };
+        let all = plan.as_ref().map_or(1, |plan| plan.steps + 1) * self.times.len();
         let one_more = || {
             done += 1;
-            report.at(unit, done, all * self.times.len(), None)
+            report.at(unit, done, all, None)
         };
-        let Some(written) = write_splats(run, &shown, self.times, &output, format, refit_steps, one_more)? else {
+        let Some(written) = write_splats(run, &shown, self.times, &output, format, plan.as_ref(), one_more)? else {
             return Ok(None);
         };
         let message = format!("{} Gaussians: {}", written.gaussians, output.path().display());
+        let refit_steps = plan.map_or(0, |plan| plan.steps);
         output.finish(&Record { refit_steps, ..self.record(run, self.segments) }, &[])?;
         Ok(Some(message))
     }
@@ -84,10 +86,9 @@ impl Export<'_> {
         let edited = self.edited;
         let labels = Labels::new(run, &LabelPlan { segments: self.segments.to_vec(), edited, ..LabelPlan::default() })?;
         let output = self.place(&run.paths().labels(), "labels")?;
-        let mut done = 0;
         for (i, &time) in self.times.iter().enumerate() {
             write_labels(&output.place(i).0, &labels, &labels.at(time)?, edited, format)?;
-            if !self.one_more(&mut done, report) {
+            if !report.at("times", i + 1, self.times.len(), None) {
                 return Ok(None);
             }
         }
@@ -98,12 +99,6 @@ impl Export<'_> {
 
     fn place(&self, folder: &Path, name: &str) -> Result<Output, RunError> {
         Output::within(folder, name, self.format.extension(), self.many, &[])
-    }
-
-    /// Reports that one more time is written; returns whether to go on.
-    fn one_more(&self, done: &mut usize, report: &mut Reporter) -> bool {
-        *done += 1;
-        report.at("times", *done, self.times.len(), None)
     }
 
     fn record<'a>(&'a self, run: &OpenRun, segments: &'a [String]) -> Record<'a> {
