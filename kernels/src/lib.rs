@@ -39,12 +39,17 @@ pub use camera::Camera;
 pub use cube::{GpuPaths, gpu_paths, is_gpu};
 pub use scale::ScaleOps;
 
-/// Returns the vector instructions that the kernels use: the widest of the machine, or none if `VOLSEGGS_SIMD` is
-/// `scalar`, with which tests reach the portable path and benchmarks compare against it.
+/// Returns the vector instructions that the kernels use: the widest of the machine, unless `VOLSEGGS_SIMD` asks for none
+/// (`scalar`) or for AVX2 (`avx2`), with which tests reach the other paths and benchmarks compare against them.
 fn arch() -> pulp::Arch {
-    static SCALAR: std::sync::LazyLock<bool> =
-        std::sync::LazyLock::new(|| std::env::var("VOLSEGGS_SIMD").is_ok_and(|v| v == "scalar"));
-    if *SCALAR { pulp::Arch::Scalar } else { pulp::Arch::new() }
+    static ARCH: std::sync::LazyLock<pulp::Arch> =
+        std::sync::LazyLock::new(|| match std::env::var("VOLSEGGS_SIMD").as_deref() {
+            Ok("scalar") => pulp::Arch::Scalar,
+            #[cfg(target_arch = "x86_64")]
+            Ok("avx2") => pulp::x86::V3::try_new().map_or(pulp::Arch::Scalar, pulp::Arch::V3),
+            _ => pulp::Arch::new(),
+        });
+    *ARCH
 }
 
 /// Returns the name of the vector instructions that the CPU kernels use on this machine.

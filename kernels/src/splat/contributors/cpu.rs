@@ -5,8 +5,8 @@
 use super::{Contributors, ContributorsError};
 use crate::splat::SplatSettings;
 use crate::splat::cpu::TILE;
-use crate::splat::cpu::bin::{Bins, Order};
-use crate::splat::cpu::blend::{Tile, TileArea, blend_rows, row_range};
+use crate::splat::cpu::bin::{Bins, Drawn, Order};
+use crate::splat::cpu::blend::{TileArea, blend_rows};
 use crate::splat::cpu::lanes::any;
 use crate::splat::cpu::rule::Rule;
 use pulp::{Simd, WithSimd, bytemuck};
@@ -65,8 +65,7 @@ pub(crate) fn contributors(
                 })
                 .collect();
             slots.sort_unstable_by_key(|s| (s.place, s.list));
-            let tile = Tile { splats: &order.splats, entries: bins.tile(t), area };
-            let events = arch.dispatch(Walk { tile: &tile, indices: &order.indices, slots: &slots });
+            let events = arch.dispatch(Walk { order, entries: bins.tile(t), area, slots: &slots });
             TileLists::new(slots, &events)
         })
         .collect();
@@ -196,9 +195,9 @@ fn assemble(pixels: usize, lists: &[TileLists]) -> Result<Contributors, Contribu
 
 /// Walks a tile's Gaussians once, for all its slots; the slots are sorted by place.
 struct Walk<'a> {
-    tile: &'a Tile<'a>,
-    /// Index of the Gaussian at each rank.
-    indices: &'a [u32],
+    order: &'a Order,
+    entries: &'a [Drawn],
+    area: TileArea,
     slots: &'a [Slot],
 }
 
@@ -207,7 +206,7 @@ impl WithSimd for Walk<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Vec<Event> {
-        let Self { tile: Tile { splats, entries, area }, indices, slots } = self;
+        let Self { order: Order { splats, indices, .. }, entries, area, slots } = self;
         let mut events = Vec::new();
         let lanes = S::F32_LANES;
         let vectors = slots.len().div_ceil(lanes);
@@ -234,10 +233,10 @@ impl WithSimd for Walk<'_> {
         let mut live = vectors;
         let rule = Rule::new(simd);
 
-        for &rank in entries.iter() {
+        for &Drawn { rank, rows: touched_rows } in entries {
             let s = &splats[rank as usize];
-            let (first, last) = row_range(s, area);
-            if first > last || row_starts[first] == row_starts[last + 1] {
+            let (first, last) = (touched_rows.trailing_zeros() as usize, touched_rows.ilog2() as usize);
+            if row_starts[first] == row_starts[last + 1] {
                 continue;
             }
             let reached = row_starts[first] / lanes..row_starts[last + 1].div_ceil(lanes);

@@ -34,7 +34,7 @@ fn on_host<B: CpuBackend>(inputs: &SplatTensors<B>, settings: &SplatSettings, pi
     let values = Values::of::<B>(inputs);
     let (attributes, offsets) = values.borrow();
     let splats = project::project(attributes, offsets, settings);
-    let order = Order::new(&splats, settings.camera.height);
+    let order = Order::new(&splats, &settings.camera);
     let lists = cpu::of_pixels(&order, settings, pixels);
     let radii: Vec<i32> = splats.iter().map(|s| s.radius).collect();
     let n = radii.len();

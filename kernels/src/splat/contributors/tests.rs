@@ -69,7 +69,7 @@ impl Fixture {
             sh_stride: 1,
         };
         let splats = project::project(attributes, &vec![0.0; 2 * self.opacity_logits.len()], &self.settings);
-        let order = bin::Order::new(&splats, self.settings.camera.height);
+        let order = bin::Order::new(&splats, &self.settings.camera);
         let (image, bins) = blend::blend(&order, &self.settings);
         (order, image, bins)
     }

@@ -7,25 +7,35 @@
 use super::TILE;
 use super::lanes::wide;
 use super::project::Splat2d;
+use super::reach::{Reach, tile_box};
+use crate::Camera;
 use crate::backend::filled;
 use rayon::prelude::*;
 
 /// Number of Gaussians gathered from scattered memory before they are read, so that their cache misses overlap.
 pub(crate) const GATHER: usize = 32;
 
-/// Ranks of the Gaussians that were drawn, by tile: one CSR block per row of tiles.
+/// The Gaussians that were drawn, by tile: one CSR block per row of tiles.
 pub(crate) struct Bins {
     pub tiles_x: usize,
-    pub rows: Vec<TileRow>,
+    pub rows: Vec<TileRow<Drawn>>,
 }
 
-/// The tiles of one row.
+/// A Gaussian that a tile was drawn with.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Drawn {
+    pub rank: u32,
+    /// Bit mask of the tile's rows in which it touched a pixel: at least one.
+    pub rows: u32,
+}
+
+/// The tiles of one row, with something for each Gaussian of a tile.
 #[derive(Default)]
-pub(crate) struct TileRow {
+pub(crate) struct TileRow<T> {
     /// `[tiles_x + 1]` offsets into `entries`.
     pub offsets: Vec<u32>,
-    /// Ranks of Gaussians, nearest first within a tile.
-    pub entries: Vec<u32>,
+    /// Nearest first within a tile.
+    pub entries: Vec<T>,
 }
 
 impl Bins {
@@ -33,8 +43,8 @@ impl Bins {
         self.rows.len() * self.tiles_x
     }
 
-    /// Returns the ranks of the Gaussians of tile `t` (row-major), nearest first.
-    pub(crate) fn tile(&self, t: usize) -> &[u32] {
+    /// Returns the Gaussians of tile `t` (row-major), nearest first.
+    pub(crate) fn tile(&self, t: usize) -> &[Drawn] {
         let row = &self.rows[t / self.tiles_x];
         let x = t % self.tiles_x;
         &row.entries[row.offsets[x] as usize..row.offsets[x + 1] as usize]
@@ -49,35 +59,37 @@ pub(crate) struct Order {
     /// The index of the Gaussian at each rank.
     pub indices: Vec<u32>,
     /// First row of tiles and one past the last, for each rank.
-    spans: Vec<[u16; 2]>,
+    rows: Vec<[u16; 2]>,
+    /// The same for columns of tiles.
+    columns: Vec<[u16; 2]>,
 }
 
 impl Order {
-    pub(crate) fn new(splats: &[Splat2d], height: usize) -> Self {
-        let tiles_y = height.div_ceil(TILE);
+    pub(crate) fn new(splats: &[Splat2d], camera: &Camera) -> Self {
+        let tiles = [camera.width.div_ceil(TILE), camera.height.div_ceil(TILE)];
         let indices = depth_order(splats);
         let mut sorted = filled(Splat2d::default(), indices.len());
-        let mut spans = vec![[0; 2]; indices.len()];
+        let (mut rows, mut columns) = (vec![[0; 2]; indices.len()], vec![[0; 2]; indices.len()]);
         let arch = crate::arch();
         const CHUNK: usize = 4096;
-        let chunks = (sorted.par_chunks_mut(CHUNK), spans.par_chunks_mut(CHUNK), indices.par_chunks(CHUNK));
-        chunks.into_par_iter().for_each(|(sorted, spans, indices)| {
-            for (to, &i) in sorted.iter_mut().zip(indices) {
-                *to = splats[i as usize];
-            }
-            wide(
-                arch,
-                #[inline(always)]
-                || {
-                    for (span, s) in spans.iter_mut().zip(sorted) {
-                        let rows = tile_span(s.y - s.extent[1], s.y + s.extent[1], tiles_y);
-                        // an image has fewer than 65536 rows of tiles
-                        *span = [rows.start as u16, rows.end as u16];
-                    }
-                },
-            );
-        });
-        Self { splats: sorted, indices, spans }
+        let boxes = rows.par_chunks_mut(CHUNK).zip(columns.par_chunks_mut(CHUNK));
+        (sorted.par_chunks_mut(CHUNK), boxes, indices.par_chunks(CHUNK)).into_par_iter().for_each(
+            |(sorted, (rows, columns), indices)| {
+                for (to, &i) in sorted.iter_mut().zip(indices) {
+                    *to = splats[i as usize];
+                }
+                wide(
+                    arch,
+                    #[inline(always)]
+                    || {
+                        for ((rows, columns), s) in rows.iter_mut().zip(columns).zip(sorted) {
+                            [*rows, *columns] = tile_box(s, tiles);
+                        }
+                    },
+                );
+            },
+        );
+        Self { splats: sorted, indices, rows, columns }
     }
 
     /// Returns the rank of each of `n` Gaussians; `u32::MAX` for those that are not drawn.
@@ -106,7 +118,7 @@ impl Order {
     #[inline(always)]
     pub(crate) fn list(&self, slab: std::ops::Range<usize>, row: usize, takes: &[bool], lists: &mut RowLists) {
         let tiles_x = takes.len();
-        let RowLists { hits, spans, row: TileRow { offsets, entries }, next, open } = lists;
+        let RowLists { hits, reach, spans, row: TileRow { offsets, entries }, next, open } = lists;
         open.clear();
         open.push(0);
         open.extend(takes.iter().scan(0, |sum, takes| {
@@ -116,28 +128,27 @@ impl Order {
         spans.clear();
         offsets.clear();
         offsets.resize(tiles_x + 1, 0);
-        // branch-free: few of very many hit, and no processor could predict which
+        // both without a branch: few of very many pass, and no processor could predict which
         let row_u16 = row as u16;
         hits.resize(hits.len().max(slab.len()), 0);
+        let hits = &mut hits[..slab.len()];
         let mut found = 0;
-        for (rank, &[first, end]) in (slab.start as u32..).zip(&self.spans[slab]) {
+        for (rank, &[first, end]) in (slab.start as u32..).zip(&self.rows[slab]) {
             hits[found] = rank;
             found += usize::from(first <= row_u16 && row_u16 < end);
         }
-        let (top, bottom) = ((row * TILE) as f32 + 0.5, (row * TILE + TILE) as f32 - 0.5);
-        let mut near = [Splat2d::default(); GATHER];
+        let candidates = found;
+        found = 0;
+        for k in 0..candidates {
+            let rank = hits[k];
+            let [first, end] = self.columns[rank as usize];
+            hits[found] = rank;
+            found += usize::from(open[first as usize] != open[end as usize]);
+        }
         for ranks in hits[..found].chunks(GATHER) {
-            for (to, &rank) in near.iter_mut().zip(ranks) {
-                *to = self.splats[rank as usize];
-            }
-            for (s, &rank) in near.iter().zip(ranks) {
-                let coarse = tile_span(s.x - s.extent[0] - 0.01, s.x + s.extent[0] + 0.01, tiles_x);
-                if open[coarse.start] == open[coarse.end] {
-                    continue;
-                }
-                let (left, right) = chord(s, top - s.y, bottom - s.y);
-                // slightly wider than exact: rounding must never lose a pixel that blending would have accepted
-                let tiles = tile_span(s.x + left - 0.01, s.x + right + 0.01, tiles_x);
+            reach.find(&self.splats, ranks, row, tiles_x);
+            for (j, &rank) in ranks.iter().enumerate() {
+                let tiles = reach.tiles(j);
                 let mut any = false;
                 for x in tiles.clone() {
                     offsets[x + 1] += u32::from(takes[x]);
@@ -166,43 +177,15 @@ impl Order {
 /// The lists of one slab of one row, with reusable buffers.
 #[derive(Default)]
 pub(crate) struct RowLists {
-    /// The first entries are the ranks whose boxes reach into the row.
+    /// The first entries are the ranks whose boxes reach into the row's unfinished tiles.
     hits: Vec<u32>,
+    reach: Reach,
     spans: Vec<(u32, u32, u32)>,
-    /// The Gaussians of each tile.
-    pub row: TileRow,
+    /// The ranks of each tile's Gaussians.
+    pub row: TileRow<u32>,
     next: Vec<u32>,
     /// Number of unfinished tiles before each tile.
     open: Vec<u32>,
-}
-
-/// Returns the tiles that hold pixel centres between `low` and `high`.
-#[inline(always)]
-fn tile_span(low: f32, high: f32, tiles: usize) -> std::ops::Range<usize> {
-    // pixel k has its centre at k + 0.5; `as usize` saturates, so that huge extents are harmless
-    let first = ((low - 0.5).ceil().max(0.0) as usize) / TILE;
-    let last = (high - 0.5).floor();
-    let end = if last < 0.0 { 0 } else { (last as usize / TILE + 1).min(tiles) };
-    first.min(end)..end
-}
-
-/// Returns the leftmost and rightmost dx of the ellipse within the band `dy` in `[y0, y1]`.
-#[inline(always)]
-fn chord(s: &Splat2d, y0: f32, y1: f32) -> (f32, f32) {
-    // q(dx, dy) = a dx^2 + 2 b dx dy + c dy^2 <= k, with a = -qa and so on
-    let (a, b, c) = (-s.qa, -0.5 * s.qb, -s.qc);
-    let k = s.log2_opacity - crate::splat::ALPHA_MIN.log2();
-    let extreme = s.extent[0];
-    // the rightmost point of the whole ellipse lies at dy = -b/c * extent, the leftmost opposite to it
-    let dy_right = -b / c * extreme;
-    let at = |dy: f32, sign: f32| {
-        let dy = dy.clamp(-s.extent[1], s.extent[1]);
-        let disc = (b * b - a * c) * dy * dy + a * k;
-        (-b * dy + sign * disc.max(0.0).sqrt()) / a
-    };
-    let right = if (y0..=y1).contains(&dy_right) { extreme } else { at(y0, 1.0).max(at(y1, 1.0)) };
-    let left = if (y0..=y1).contains(&-dy_right) { -extreme } else { at(y0, -1.0).min(at(y1, -1.0)) };
-    if left.is_finite() && right.is_finite() { (left.max(-extreme), right.min(extreme)) } else { (-extreme, extreme) }
 }
 
 /// Returns the indices of the drawn Gaussians, nearest first: a stable radix sort of the depth's bits.

@@ -1,9 +1,10 @@
 //! Front-to-back blending: one task per row of tiles, a row of pixels in SIMD lanes.
 
 use super::TILE;
-use super::bin::{Bins, GATHER, Order, RowLists, TileRow};
-use super::lanes::{any, wide};
+use super::bin::{Bins, Drawn, GATHER, Order, RowLists, TileRow};
+use super::lanes::{any, bits, wide};
 use super::project::Splat2d;
+use super::rows::{CENTRES, RowTerms};
 use super::rule::Rule;
 use crate::backend::zeros;
 use crate::splat::SplatSettings;
@@ -53,25 +54,6 @@ impl TileArea {
     }
 }
 
-/// Returns the rows of the tile that the Gaussian can reach, as `first..=last` (empty if first > last).
-#[inline(always)]
-pub(crate) fn row_range(s: &Splat2d, area: &TileArea) -> (usize, usize) {
-    let low = (s.y - s.extent[1] - 0.5 - area.y0 as f32).ceil().max(0.0);
-    let high = (s.y + s.extent[1] - 0.5 - area.y0 as f32).floor().min((area.rows - 1) as f32);
-    if high < 0.0 { (1, 0) } else { (low as usize, high as usize) }
-}
-
-/// Horizontal pixel centres of a tile, relative to its left edge.
-pub(crate) const COLUMN_CENTRES: [f32; TILE] = {
-    let mut c = [0.0; TILE];
-    let mut i = 0;
-    while i < TILE {
-        c[i] = i as f32 + 0.5;
-        i += 1;
-    }
-    c
-};
-
 /// State of a tile while it is drawn.
 struct TileState {
     /// Transmittance while a pixel is unfinished; negated once it is finished.
@@ -108,11 +90,11 @@ pub(crate) fn blend_rows(
     (image, Bins { tiles_x, rows })
 }
 
-fn blend_row(order: &Order, settings: &SplatSettings, row: usize, tiles_x: usize, strip: &mut [f32]) -> TileRow {
+fn blend_row(order: &Order, settings: &SplatSettings, row: usize, tiles_x: usize, strip: &mut [f32]) -> TileRow<Drawn> {
     let (width, height) = (settings.camera.width, settings.camera.height);
     let arch = crate::arch();
     let mut states: Vec<Option<Box<TileState>>> = (0..tiles_x).map(|_| None).collect();
-    let mut used: Vec<Vec<u32>> = vec![Vec::new(); tiles_x];
+    let mut used: Vec<Vec<Drawn>> = vec![Vec::new(); tiles_x];
     let mut takes = vec![true; tiles_x];
     let mut lists = RowLists::default();
     for slab in order.slabs() {
@@ -130,8 +112,7 @@ fn blend_row(order: &Order, settings: &SplatSettings, row: usize, tiles_x: usize
             let state = states[x].get_or_insert_with(|| {
                 Box::new(TileState { left: area.transmittance(), colour: [Plane::ZERO; 3], live: area.live_rows() })
             });
-            let n = arch.dispatch(BlendTile { tile: &Tile { splats: &order.splats, entries, area }, state });
-            used[x].extend_from_slice(&entries[..n]);
+            arch.dispatch(BlendTile { splats: &order.splats, entries, area, state, used: &mut used[x] });
             takes[x] = state.live != 0;
         }
         if !takes.contains(&true) {
@@ -171,53 +152,46 @@ fn write_tile(state: Option<&TileState>, area: &TileArea, width: usize, backgrou
     }
 }
 
-/// A tile and the Gaussians to draw in it.
-pub(crate) struct Tile<'a> {
-    pub splats: &'a [Splat2d],
-    pub entries: &'a [u32],
-    pub area: TileArea,
-}
-
-impl Tile<'_> {
-    /// Calls `draw` with each Gaussian and its position in the list, until it returns false. Returns true if it never
-    /// did.
-    #[inline(always)]
-    pub(crate) fn each(&self, mut draw: impl FnMut(usize, &Splat2d) -> bool) -> bool {
-        let mut near = [Splat2d::default(); GATHER];
-        for (block, indices) in self.entries.chunks(GATHER).enumerate() {
-            for (to, &index) in near.iter_mut().zip(indices) {
-                *to = self.splats[index as usize];
-            }
-            for (k, splat) in near[..indices.len()].iter().enumerate() {
-                if !draw(block * GATHER + k, splat) {
-                    return false;
-                }
+/// Calls `draw` with each listed Gaussian until it returns false. They are copied some at a time, so that their cache
+/// misses overlap.
+#[inline(always)]
+pub(crate) fn each<E>(
+    splats: &[Splat2d],
+    entries: &[E],
+    rank: impl Fn(&E) -> u32,
+    mut draw: impl FnMut(usize, &E, &Splat2d) -> bool,
+) {
+    let mut near = [Splat2d::default(); GATHER];
+    for (block, entries) in entries.chunks(GATHER).enumerate() {
+        for (to, entry) in near.iter_mut().zip(entries) {
+            *to = splats[rank(entry) as usize];
+        }
+        for (k, (splat, entry)) in near.iter().zip(entries).enumerate() {
+            if !draw(block * GATHER + k, entry, splat) {
+                return;
             }
         }
-        true
     }
 }
 
-/// Whether any pixel of a row is unfinished, given its transmittances.
-#[inline(always)]
-pub(crate) fn row_takes<S: Simd>(simd: S, row: &[S::f32s]) -> bool {
-    row.iter().any(|t| any(simd, simd.greater_than_f32s(*t, simd.splat_f32s(0.0))))
-}
-
 struct BlendTile<'a> {
-    tile: &'a Tile<'a>,
+    splats: &'a [Splat2d],
+    /// Ranks of the Gaussians to draw.
+    entries: &'a [u32],
+    area: TileArea,
     state: &'a mut TileState,
+    /// Where those are added that touched a pixel.
+    used: &'a mut Vec<Drawn>,
 }
 
 impl WithSimd for BlendTile<'_> {
-    /// Number of entries examined before all pixels were finished.
-    type Output = usize;
+    type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> usize {
-        let area = &self.tile.area;
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { splats, entries, area, state, used } = self;
         let vectors = TILE / S::F32_LANES;
-        let TileState { left, colour: [red, green, blue], live: live_rows } = self.state;
+        let TileState { left, colour: [red, green, blue], live: live_rows } = state;
         let mut live = *live_rows;
         let (red, green, blue) = (
             S::as_mut_simd_f32s(&mut red.0).0,
@@ -225,50 +199,56 @@ impl WithSimd for BlendTile<'_> {
             S::as_mut_simd_f32s(&mut blue.0).0,
         );
         let open = S::as_mut_simd_f32s(&mut left.0).0;
-        let centres = S::as_simd_f32s(&COLUMN_CENTRES).0;
+        let centres = S::as_simd_f32s(&CENTRES.0).0;
         let rule = Rule::new(simd);
+        let zero = simd.splat_f32s(0.0);
+        let mut terms = RowTerms::default();
 
-        let mut used = self.tile.entries.len();
-        self.tile.each(|n, s| {
-            let (first, last) = row_range(s, area);
-            let offset = simd.splat_f32s(area.x0 as f32 - s.x);
-            let (qa, lo) = (simd.splat_f32s(s.qa), simd.splat_f32s(s.log2_opacity));
-            let colour = s.colour.map(|c| simd.splat_f32s(c));
-            for row in first..=last {
-                if live >> row & 1 == 0 {
-                    continue;
-                }
-                let dy = (area.y0 + row) as f32 + 0.5 - s.y;
-                let (qb, constant) = (simd.splat_f32s(s.qb * dy), simd.add_f32s(simd.splat_f32s(s.qc * dy * dy), lo));
-                for v in 0..vectors {
-                    let at = row * vectors + v;
-                    let dx = simd.add_f32s(centres[v], offset);
-                    let power = rule.power(simd, dx, [qa, qb, constant]);
-                    let t = open[at];
-                    let touched = rule.touched(simd, power, t);
-                    if !any(simd, touched) {
-                        continue;
-                    }
-                    let effect = rule.evaluate(simd, power, t, touched);
-                    red[at] = simd.mul_add_e_f32s(effect.weight, colour[0], red[at]);
-                    green[at] = simd.mul_add_e_f32s(effect.weight, colour[1], green[at]);
-                    blue[at] = simd.mul_add_e_f32s(effect.weight, colour[2], blue[at]);
-                    open[at] = simd.select_f32s(effect.blended, effect.after, t);
-                    let done = rule.done(simd, &effect, touched);
-                    if any(simd, done) {
-                        open[at] = simd.select_f32s(done, simd.neg_f32s(t), open[at]);
-                        if !row_takes(simd, &open[row * vectors..(row + 1) * vectors]) {
-                            live &= !(1 << row);
+        each(
+            splats,
+            entries,
+            |rank| *rank,
+            |_, &rank, s| {
+                let mut rows = terms.set(simd, s, &area) & live;
+                let offset = simd.splat_f32s(area.x0 as f32 - s.x);
+                let qa = simd.splat_f32s(s.qa);
+                let colour = s.colour.map(|c| simd.splat_f32s(c));
+                let (mut hit, mut finished) = (0, 0);
+                // without a branch on what a row holds, which no processor could predict
+                while rows != 0 {
+                    let row = rows.trailing_zeros() as usize % TILE;
+                    rows &= rows - 1;
+                    let (qb, constant) = (simd.splat_f32s(terms.qb.0[row]), simd.splat_f32s(terms.constant.0[row]));
+                    let (mut touches, mut takes) = (0, 0);
+                    for v in 0..vectors {
+                        let at = row * vectors + v;
+                        let dx = simd.add_f32s(centres[v], offset);
+                        let power = rule.power(simd, dx, [qa, qb, constant]);
+                        let t = open[at];
+                        let touched = rule.touched(simd, power, t);
+                        if vectors > 1 && !any(simd, touched) {
+                            takes |= bits(simd, simd.greater_than_f32s(t, zero));
+                            continue;
                         }
+                        let effect = rule.evaluate(simd, power, t, touched);
+                        red[at] = simd.mul_add_e_f32s(effect.weight, colour[0], red[at]);
+                        green[at] = simd.mul_add_e_f32s(effect.weight, colour[1], green[at]);
+                        blue[at] = simd.mul_add_e_f32s(effect.weight, colour[2], blue[at]);
+                        let after = rule.left(simd, t, &effect, touched);
+                        open[at] = after;
+                        touches |= bits(simd, touched);
+                        takes |= bits(simd, simd.greater_than_f32s(after, zero));
                     }
+                    hit |= u32::from(touches != 0) << row;
+                    finished |= u32::from(takes == 0) << row;
                 }
-            }
-            if live == 0 {
-                used = n + 1;
-            }
-            live != 0
-        });
+                live &= !finished;
+                if hit != 0 {
+                    used.push(Drawn { rank, rows: hit });
+                }
+                live != 0
+            },
+        );
         *live_rows = live;
-        used
     }
 }

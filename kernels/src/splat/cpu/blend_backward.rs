@@ -5,8 +5,11 @@
 //! `dL/dalpha = T (V . c) - S / (1 - alpha)`. Sums over a tile are kept in lanes and reduced once per tile and
 //! Gaussian; per-Gaussian sums are then merged in the order of the tiles.
 
-use super::blend::{COLUMN_CENTRES, Plane, Tile, TileArea, row_range, row_takes};
+use super::bin::Drawn;
+use super::blend::{Plane, TileArea, each};
 use super::lanes::any;
+use super::project::Splat2d;
+use super::rows::{CENTRES, RowTerms};
 use super::rule::Rule;
 use super::{Saved, TILE};
 use crate::backend::filled;
@@ -26,11 +29,12 @@ pub(super) fn blend_backward(saved: &Saved, grad_image: &[f32], settings: &Splat
         .into_par_iter()
         .map(|t| {
             let entries = saved.bins.tile(t);
-            let tile = Tile { splats: &saved.order.splats, entries, area: TileArea::new(t, tiles_x, width, height) };
+            let area = TileArea::new(t, tiles_x, width, height);
             let mut sums = vec![[0.0; 9]; entries.len()];
             if !entries.is_empty() {
-                let mut pixels = PixelGradients::load(&tile.area, width, grad_image, &saved.image);
-                arch.dispatch(BlendBackwardTile { tile: &tile, pixels: &mut pixels, sums: &mut sums });
+                let mut pixels = PixelGradients::load(&area, width, grad_image, &saved.image);
+                let splats = &saved.order.splats;
+                arch.dispatch(BlendBackwardTile { splats, entries, area, pixels: &mut pixels, sums: &mut sums });
             }
             sums
         })
@@ -47,8 +51,10 @@ fn merge(saved: &Saved, partial: &[Vec<ScreenGradient>]) -> Vec<ScreenGradient> 
     sums.par_chunks_mut(range).enumerate().for_each(|(k, out)| {
         let start = (k * range) as u32;
         for (t, sums) in partial.iter().enumerate() {
-            for (&i, sum) in saved.bins.tile(t).iter().zip(sums) {
-                let Some(target) = i.checked_sub(start).and_then(|j| out.get_mut(j as usize)) else { continue };
+            for (drawn, sum) in saved.bins.tile(t).iter().zip(sums) {
+                let Some(target) = drawn.rank.checked_sub(start).and_then(|j| out.get_mut(j as usize)) else {
+                    continue;
+                };
                 for (a, b) in target.iter_mut().zip(sum) {
                     *a += b;
                 }
@@ -86,7 +92,9 @@ impl PixelGradients {
 }
 
 struct BlendBackwardTile<'a> {
-    tile: &'a Tile<'a>,
+    splats: &'a [Splat2d],
+    entries: &'a [Drawn],
+    area: TileArea,
     pixels: &'a mut PixelGradients,
     sums: &'a mut [ScreenGradient],
 }
@@ -96,96 +104,79 @@ impl WithSimd for BlendBackwardTile<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let area = &self.tile.area;
+        let Self { splats, entries, area, pixels, sums } = self;
         let vectors = TILE / S::F32_LANES;
         // as in blending: negative once a pixel is finished
         let mut left = area.transmittance();
-        let mut live = area.live_rows();
         let open = S::as_mut_simd_f32s(&mut left.0).0;
-        let behind = S::as_mut_simd_f32s(&mut self.pixels.behind.0).0;
-        let [v0, v1, v2, v3] = &self.pixels.v;
+        let behind = S::as_mut_simd_f32s(&mut pixels.behind.0).0;
+        let [v0, v1, v2, v3] = &pixels.v;
         let v = [v0, v1, v2, v3].map(|plane| S::as_simd_f32s(&plane.0).0);
-        let centres = S::as_simd_f32s(&COLUMN_CENTRES).0;
+        let centres = S::as_simd_f32s(&CENTRES.0).0;
         let rule = Rule::new(simd);
         let alpha_max = simd.splat_f32s(ALPHA_MAX);
         let zero = simd.splat_f32s(0.0);
         let one = simd.splat_f32s(1.0);
-        let sums = self.sums;
+        let mut terms = RowTerms::default();
 
-        self.tile.each(|n, s| {
-            let (first, last) = row_range(s, area);
-            let offset = simd.splat_f32s(area.x0 as f32 - s.x);
-            let (qa, lo) = (simd.splat_f32s(s.qa), simd.splat_f32s(s.log2_opacity));
-            let colour = s.colour.map(|c| simd.splat_f32s(c));
-            let mut sum = [zero; 9];
-            let mut hit = false;
-            for row in first..=last {
-                if live >> row & 1 == 0 {
-                    continue;
-                }
-                let dy = (area.y0 + row) as f32 + 0.5 - s.y;
-                let (qb, constant) = (simd.splat_f32s(s.qb * dy), simd.add_f32s(simd.splat_f32s(s.qc * dy * dy), lo));
-                // sums of u, u dx, u dx^2 over the row, where dy is constant
-                let mut of_row = [zero; 3];
-                let mut row_hit = false;
-                for column in 0..vectors {
-                    let at = row * vectors + column;
-                    let dx = simd.add_f32s(centres[column], offset);
-                    let power = rule.power(simd, dx, [qa, qb, constant]);
-                    let t = open[at];
-                    let touched = rule.touched(simd, power, t);
-                    if !any(simd, touched) {
-                        continue;
-                    }
-                    row_hit = true;
-                    let effect = rule.evaluate(simd, power, t, touched);
-                    let weight = effect.weight;
-                    let alpha = simd.select_f32s(effect.blended, effect.alpha, zero);
-
-                    // V . (c, 1): the fourth channel is alpha, to which every Gaussian contributes its full weight
-                    let vc = simd.mul_add_e_f32s(v[0][at], colour[0], v[3][at]);
-                    let vc = simd.mul_add_e_f32s(v[1][at], colour[1], vc);
-                    let vc = simd.mul_add_e_f32s(v[2][at], colour[2], vc);
-                    let rest = simd.sub_f32s(behind[at], simd.mul_f32s(weight, vc));
-                    behind[at] = rest;
-                    let d_alpha = simd.sub_f32s(simd.mul_f32s(t, vc), simd.div_f32s(rest, simd.sub_f32s(one, alpha)));
-                    let saturated = simd.greater_than_f32s(effect.unclamped, alpha_max);
-                    let u = simd.select_f32s(saturated, zero, simd.mul_f32s(alpha, d_alpha));
-
-                    let ux = simd.mul_f32s(u, dx);
-                    of_row[0] = simd.add_f32s(of_row[0], u);
-                    of_row[1] = simd.add_f32s(of_row[1], ux);
-                    of_row[2] = simd.mul_add_e_f32s(ux, dx, of_row[2]);
-                    for channel in 0..3 {
-                        sum[6 + channel] = simd.mul_add_e_f32s(weight, v[channel][at], sum[6 + channel]);
-                    }
-                    open[at] = simd.select_f32s(effect.blended, effect.after, t);
-                    let done = rule.done(simd, &effect, touched);
-                    if any(simd, done) {
-                        open[at] = simd.select_f32s(done, simd.neg_f32s(t), open[at]);
-                        if !row_takes(simd, &open[row * vectors..(row + 1) * vectors]) {
-                            live &= !(1 << row);
+        each(
+            splats,
+            entries,
+            |drawn| drawn.rank,
+            |n, drawn, s| {
+                terms.set(simd, s, &area);
+                let mut rows = drawn.rows;
+                let offset = simd.splat_f32s(area.x0 as f32 - s.x);
+                let qa = simd.splat_f32s(s.qa);
+                let colour = s.colour.map(|c| simd.splat_f32s(c));
+                let mut sum = [zero; 9];
+                while rows != 0 {
+                    let row = rows.trailing_zeros() as usize % TILE;
+                    rows &= rows - 1;
+                    let (qb, constant) = (simd.splat_f32s(terms.qb.0[row]), simd.splat_f32s(terms.constant.0[row]));
+                    let dy = simd.splat_f32s(terms.dy.0[row]);
+                    for column in 0..vectors {
+                        let at = row * vectors + column;
+                        let dx = simd.add_f32s(centres[column], offset);
+                        let power = rule.power(simd, dx, [qa, qb, constant]);
+                        let t = open[at];
+                        let touched = rule.touched(simd, power, t);
+                        if vectors > 1 && !any(simd, touched) {
+                            continue;
                         }
+                        let effect = rule.evaluate(simd, power, t, touched);
+                        let weight = effect.weight;
+                        // V . (c, 1): the fourth channel is alpha, to which every Gaussian contributes its full weight
+                        let vc = simd.mul_add_e_f32s(v[0][at], colour[0], v[3][at]);
+                        let vc = simd.mul_add_e_f32s(v[1][at], colour[1], vc);
+                        let vc = simd.mul_add_e_f32s(v[2][at], colour[2], vc);
+                        let rest = simd.sub_f32s(behind[at], simd.mul_f32s(weight, vc));
+                        behind[at] = rest;
+                        let behind = simd.div_f32s(rest, simd.sub_f32s(one, effect.alpha));
+                        let d_alpha = simd.sub_f32s(simd.mul_f32s(t, vc), behind);
+                        // a clamped alpha has no gradient
+                        let free = simd.less_than_or_equal_f32s(effect.unclamped, alpha_max);
+                        let free = simd.and_m32s(effect.blended, free);
+                        let u = simd.select_f32s(free, simd.mul_f32s(effect.alpha, d_alpha), zero);
+
+                        let (ux, uy) = (simd.mul_f32s(u, dx), simd.mul_f32s(u, dy));
+                        sum[0] = simd.add_f32s(sum[0], u);
+                        sum[1] = simd.add_f32s(sum[1], ux);
+                        sum[2] = simd.add_f32s(sum[2], uy);
+                        sum[3] = simd.mul_add_e_f32s(ux, dx, sum[3]);
+                        sum[4] = simd.mul_add_e_f32s(ux, dy, sum[4]);
+                        sum[5] = simd.mul_add_e_f32s(uy, dy, sum[5]);
+                        for channel in 0..3 {
+                            sum[6 + channel] = simd.mul_add_e_f32s(weight, v[channel][at], sum[6 + channel]);
+                        }
+                        open[at] = rule.left(simd, t, &effect, touched);
                     }
                 }
-                if row_hit {
-                    hit = true;
-                    let dy = simd.splat_f32s(dy);
-                    let uy = simd.mul_f32s(of_row[0], dy);
-                    sum[0] = simd.add_f32s(sum[0], of_row[0]);
-                    sum[1] = simd.add_f32s(sum[1], of_row[1]);
-                    sum[2] = simd.add_f32s(sum[2], uy);
-                    sum[3] = simd.add_f32s(sum[3], of_row[2]);
-                    sum[4] = simd.mul_add_e_f32s(of_row[1], dy, sum[4]);
-                    sum[5] = simd.mul_add_e_f32s(uy, dy, sum[5]);
-                }
-            }
-            if hit {
                 for (o, lanes) in sums[n].iter_mut().zip(sum) {
                     *o = simd.reduce_sum_f32s(lanes);
                 }
-            }
-            true
-        });
+                true
+            },
+        );
     }
 }

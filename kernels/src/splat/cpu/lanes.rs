@@ -6,20 +6,28 @@ use pulp::{Arch, Simd, WithSimd};
 /// `log2(e)`.
 pub(crate) const LOG2_E: f32 = std::f32::consts::LOG2_E;
 
-/// Returns true if any lane of the mask is set.
+/// Returns the lanes of a mask as bits, the first lane lowest.
 #[inline(always)]
-pub(crate) fn any<S: Simd>(_: S, mask: S::m32s) -> bool {
+pub(crate) fn bits<S: Simd>(_: S, mask: S::m32s) -> u32 {
     #[cfg(target_arch = "x86_64")]
     if const { size_of::<S::m32s>() == size_of::<std::arch::x86_64::__m256>() } {
         // SAFETY: masks of this size exist only where pulp has found AVX; the sizes are equal and any bits are valid.
-        return unsafe { std::arch::x86_64::_mm256_movemask_ps(std::mem::transmute_copy(&mask)) } != 0;
+        return unsafe { std::arch::x86_64::_mm256_movemask_ps(std::mem::transmute_copy(&mask)) } as u32;
     }
     let bytes = bytemuck::bytes_of(&mask);
     if const { size_of::<S::m32s>() == size_of::<S::u32s>() } {
-        bytes.chunks_exact(4).fold(0u32, |acc, b| acc | u32::from_ne_bytes([b[0], b[1], b[2], b[3]])) != 0
+        // a word for each lane, of ones or zeros
+        bytes.chunks_exact(4).enumerate().fold(0, |acc, (lane, word)| acc | u32::from(word[0] & 1) << lane)
     } else {
-        bytes.iter().any(|&b| b != 0)
+        // a bit for each lane
+        bytes.iter().enumerate().fold(0, |acc, (i, &byte)| acc | u32::from(byte) << (8 * i))
     }
+}
+
+/// Returns true if any lane of the mask is set.
+#[inline(always)]
+pub(crate) fn any<S: Simd>(simd: S, mask: S::m32s) -> bool {
+    bits(simd, mask) != 0
 }
 
 /// `2^p` for `p` in `[-30, 1]`, with a relative error below 2e-7. Other arguments give arbitrary values, including NaN.

@@ -11,7 +11,11 @@ pub(crate) mod covariance;
 pub(crate) mod lanes;
 pub(crate) mod project;
 mod project_backward;
+mod reach;
+mod rows;
 pub(crate) mod rule;
+#[cfg(test)]
+mod tests;
 
 use super::{CovarianceTensors, SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
 use crate::backend::{CpuBackend, for_cpu_backends};
@@ -99,7 +103,7 @@ struct Saved {
 
 fn forward(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings) -> (Vec<f32>, Vec<i32>, Saved) {
     let splats = project::project(attributes, offsets, settings);
-    let order = Order::new(&splats, settings.camera.height);
+    let order = Order::new(&splats, &settings.camera);
     let (image, bins) = blend::blend(&order, settings);
     let radii = splats.par_iter().map(|s| s.radius).collect();
     // a clone would be made by one thread while the others wait

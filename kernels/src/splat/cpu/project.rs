@@ -12,8 +12,10 @@ use rayon::prelude::*;
 
 /// A projected Gaussian, as blending reads it.
 ///
-/// `log2(opacity * exp(power)) = qa dx^2 + qb dx dy + qc dy^2 + log2_opacity`.
+/// `log2(opacity * exp(power)) = qa dx^2 + qb dx dy + qc dy^2 + log2_opacity`. Within one line of the cache, as they are
+/// read from scattered memory.
 #[derive(Clone, Copy, Debug, Default)]
+#[repr(align(64))]
 pub(crate) struct Splat2d {
     pub x: f32,
     pub y: f32,

@@ -63,9 +63,10 @@ impl<S: Simd> Rule<S> {
         Effect { unclamped, alpha, weight: simd.select_f32s(blended, weight, self.zero), after, blended }
     }
 
-    /// Returns where the Gaussian finishes a pixel that was `touched`.
+    /// Returns the transmittance `t` after the Gaussian: unchanged where it did not touch a pixel, negated where it
+    /// finished it.
     #[inline(always)]
-    pub(crate) fn done(self, simd: S, effect: &Effect<S>, touched: S::m32s) -> S::m32s {
-        simd.and_m32s(touched, simd.greater_than_or_equal_f32s(self.t_min, effect.after))
+    pub(crate) fn left(self, simd: S, t: S::f32s, effect: &Effect<S>, touched: S::m32s) -> S::f32s {
+        simd.select_f32s(effect.blended, effect.after, simd.select_f32s(touched, simd.neg_f32s(t), t))
     }
 }
