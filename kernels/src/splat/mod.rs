@@ -52,8 +52,8 @@ pub const NEAR: f32 = 0.2;
 pub const DILATION: f32 = 0.3;
 /// Largest dilation allowed, pixels squared.
 pub const MAX_DILATION: f32 = 100.0;
-/// Maximum height of an image, pixels: rows of tiles are numbered in 16 bits.
-const MAX_HEIGHT: usize = (16 << 16) - 16;
+/// Maximum width and height of an image, pixels: rows and columns of tiles are numbered in 16 bits.
+const MAX_SIDE: usize = (16 << 16) - 16;
 /// A given covariance counts as positive semi-definite if no principal minor is negative by more than this, as a
 /// fraction of the product of the minor's diagonal. Rounding of a product `M M^T` to f32 stays below it.
 pub const MINOR_SLACK: f32 = 1e-5;
@@ -298,8 +298,9 @@ fn check_common(
         camera.height
     );
     assert!(
-        camera.height <= MAX_HEIGHT,
-        "splat: the image is {} pixels high, expected at most {MAX_HEIGHT}",
+        camera.width.max(camera.height) <= MAX_SIDE,
+        "splat: the image is {}x{}, expected at most {MAX_SIDE} pixels a side",
+        camera.width,
         camera.height
     );
     assert!(

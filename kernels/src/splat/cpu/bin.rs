@@ -22,7 +22,7 @@ pub(crate) struct Bins {
 }
 
 /// A Gaussian that a tile was drawn with.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 pub(crate) struct Drawn {
     pub rank: u32,
     /// Bit mask of the tile's rows in which it touched a pixel: at least one.

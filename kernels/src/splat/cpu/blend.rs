@@ -63,7 +63,7 @@ struct TileState {
     live: u32,
 }
 
-/// Renders `[H, W, 4]`; also returns the Gaussians that each tile examined before all its pixels were finished.
+/// Renders `[H, W, 4]`; also returns the Gaussians that each tile was drawn with, and the rows that they touched.
 ///
 /// One task per row of tiles lists and draws slab by slab of depth until its tiles are finished.
 pub(crate) fn blend(order: &Order, settings: &SplatSettings) -> (Vec<f32>, Bins) {
@@ -214,7 +214,7 @@ impl WithSimd for BlendTile<'_> {
                 let qa = simd.splat_f32s(s.qa);
                 let colour = s.colour.map(|c| simd.splat_f32s(c));
                 let (mut hit, mut finished) = (0, 0);
-                // without a branch on what a row holds, which no processor could predict
+                // where a row is one vector, without a branch on what it holds, which no processor could predict
                 while rows != 0 {
                     let row = rows.trailing_zeros() as usize % TILE;
                     rows &= rows - 1;

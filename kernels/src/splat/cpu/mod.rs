@@ -95,7 +95,7 @@ impl Attributes<'_> {
 /// State that the forward pass keeps for the backward pass.
 struct Saved {
     order: Order,
-    /// The Gaussians that each tile examined before all its pixels were finished.
+    /// The Gaussians that each tile was drawn with.
     bins: Bins,
     /// The rendered image `[H, W, 4]`.
     image: Vec<f32>,

@@ -57,7 +57,7 @@ impl Reach {
 pub(crate) fn tile_box(s: &Splat2d, [tiles_x, tiles_y]: [usize; 2]) -> [[u16; 2]; 2] {
     let (top, bottom) = tile_span(s.y - s.extent[1], s.y + s.extent[1], tiles_y);
     let (left, right) = tile_span(s.x - s.extent[0] - ROOM, s.x + s.extent[0] + ROOM, tiles_x);
-    // an image has fewer than 65536 tiles a side
+    // an image has at most 65535 tiles a side
     [[top as u16, bottom as u16], [left as u16, right as u16]]
 }
 

@@ -126,6 +126,11 @@ fn what_cannot_be_compared_is_not_ruled_out() {
     for arch in [Arch::Scalar, crate::arch()] {
         assert_eq!(arch.dispatch(Rows { splat: &flat, area: TileArea::new(0, TILES, SIDE, SIDE) }), 0xffff);
     }
+    // away from its row, both the power and its bound are infinite, and their sum is NaN
+    let steep = Splat2d { y: -8.0, qa: -1.0, qc: -f32::MAX, ..flat };
+    for arch in [Arch::Scalar, crate::arch()] {
+        assert_eq!(arch.dispatch(Rows { splat: &steep, area: TileArea::new(0, TILES, SIDE, SIDE) }), 0xffff);
+    }
     let mut reach = Reach::default();
     reach.find(&[flat], &[0], 0, TILES);
     assert_eq!(reach.tiles(0), 0..TILES);
