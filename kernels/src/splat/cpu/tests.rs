@@ -52,6 +52,13 @@ fn reaches(s: &Splat2d, column: usize, row: usize) -> bool {
     power >= f64::from(ALPHA_MIN.log2()) + margin && dy.abs() < f64::from(s.extent[1]) * (1.0 - 1e-6)
 }
 
+/// Returns the half width in pixels of the ellipse alpha >= 1/255 where it is narrowest.
+fn short_half_axis(s: &Splat2d) -> f32 {
+    let (a, b, c) = (-s.qa, -0.5 * s.qb, -s.qc);
+    let steepest = 0.5 * (a + c) + (0.5 * (a - c)).hypot(b);
+    ((s.log2_opacity - ALPHA_MIN.log2()) / steepest).sqrt()
+}
+
 struct Rows<'a> {
     splat: &'a Splat2d,
     area: TileArea,
@@ -84,8 +91,10 @@ proptest! {
 
     #[test]
     fn few_rows_are_found_in_vain(splat in splats()) {
-        // a row between two pixel centres may be found though neither is reached, so count in units of the whole image
-        prop_assume!(splat.extent[0].min(splat.extent[1]) > 3.0);
+        // a thin one may cross many rows between their pixel centres
+        if short_half_axis(&splat) <= 1.0 {
+            return Ok(());
+        }
         let (mut found, mut reached) = (0, 0);
         for t in 0..TILES * TILES {
             let area = TileArea::new(t, TILES, SIDE, SIDE);
