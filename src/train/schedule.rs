@@ -243,7 +243,7 @@ mod tests {
     #[test]
     fn dssim_comes_late_and_rises() {
         let mut config = to_a_hundredth();
-        config.loss.dssim_ramp = 10;
+        (config.loss.dssim, config.loss.dssim_ramp) = (0.2, 10);
         let weight = |s| Stage::Joint(s).dssim_weight(&config);
         assert_eq!(weight(14_999), 0.0);
         assert!((weight(15_000) - 0.02).abs() < 1e-12);
