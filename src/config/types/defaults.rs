@@ -62,7 +62,7 @@ impl Default for Config {
             loss: LossConfig {
                 kind: LossKind::L2,
                 weight: 1.0,
-                // 0.2, the paper's weight, is several times L2 at the quality that `best` reaches
+                // with 0.2, the paper's weight, this term is several times L2 at the quality that `best` reaches
                 dssim: 0.05,
                 dssim_last: 5000,
                 dssim_ramp: 500,
