@@ -98,8 +98,10 @@ fn every_control_is_reachable_by_keys_and_shows_its_focus() {
                || mark && getComputedStyle(mark).stroke === 'rgb(255, 210, 63)'; \
              return { nth: Number(e.dataset.nth), what: e.outerHTML.slice(0, 120), shown: Boolean(shown) && e.matches(':focus-visible') }; })()",
         );
+        // past the last control the focus leaves the page; when it comes back, the window may not be the active one
+        // yet, and then nothing shows its focus
         if at.is_null() {
-            continue;
+            break;
         }
         assert_eq!(at["shown"], true, "no ring around {}", at["what"]);
         // a list that scrolls may be reached too
@@ -111,6 +113,8 @@ fn every_control_is_reachable_by_keys_and_shows_its_focus() {
         &format!("{missed:?}.map((k) => document.querySelector(`[data-nth='${{k}}']`)?.outerHTML.slice(0, 90))"),
     );
     assert!(missed.is_empty(), "Tab does not reach {what}");
+    browser.call(Some(&tab), "Page.bringToFront", json!({}));
+    browser.wait(&tab, "document.hasFocus()");
 
     // a part is folded by keys, and stays folded when the page is reloaded
     browser.eval(&tab, "document.querySelector('#part-look summary').focus()");
