@@ -8,11 +8,13 @@
 
 use super::contacts::Contacts;
 use super::pieces::{Touch, pieces};
+use super::samples::{SAMPLES, Sample, thinning};
 use super::surface_layers;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::chunks::point;
 use crate::points::neighbours::Grid;
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Minimum fraction of a piece, by opacity, in contact with another piece for it to join that one's body. Surface
@@ -32,7 +34,7 @@ const MIXED: f64 = 0.5;
 /// Joins surface layers to what they cover: `labels` `[M]` from 1, the materials of the Gaussians `shown` (`[M]`,
 /// indices into `at`, all finite), are replaced by those of the bodies, each the material of its piece of highest
 /// opacity. Bodies of the same two materials in about equal parts get one material, the one with more opacity over all
-/// of them.
+/// of them. Materials with pieces of many Gaussians are judged in `samples` of the scene.
 ///
 /// # Errors
 /// If the arrays of `at` disagree.
@@ -40,6 +42,47 @@ const MIXED: f64 = 0.5;
 /// # Panics
 /// If an index is not below N.
 pub fn join_surface_layers(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Result<(), PointsError> {
+    let before = labels.to_vec();
+    join(at, shown, labels)?;
+    for material in 1..=before.iter().copied().max().unwrap_or(0) {
+        let thinning = thinning(at, shown, &before, material)?;
+        if thinning > 1.0 {
+            join_by_samples(at, shown, (&before, labels), material, thinning)?;
+        }
+    }
+    Ok(())
+}
+
+/// Joins the Gaussians of one material, whose labels were `before`, to what most samples join them to.
+fn join_by_samples(
+    at: &HostGaussians,
+    shown: &[u32],
+    (before, labels): (&[u32], &mut [u32]),
+    material: u32,
+    thinning: f64,
+) -> Result<(), PointsError> {
+    let of_it: Vec<usize> = (0..shown.len()).filter(|&n| before[n] == material).collect();
+    let mut votes = vec![[material; SAMPLES]; of_it.len()];
+    for number in 0..SAMPLES {
+        let sample = Sample::of(at, shown, thinning, number);
+        let all: Vec<u32> = (0..sample.rows.len() as u32).collect();
+        let mut joined: Vec<u32> = sample.rows.iter().map(|&n| before[n]).collect();
+        join(&sample.at, &all, &mut joined)?;
+        let of_sample = sample.rows.iter().zip(&joined).filter(|(n, _)| before[**n] == material);
+        let known: Vec<(u32, u32)> = of_sample.map(|(&n, &label)| (shown[n], label)).collect();
+        let nearest = label_of_nearest(at, &known)?;
+        votes.par_iter_mut().zip(&of_it).for_each(|(votes, &n)| {
+            votes[number] = nearest(shown[n]).unwrap_or(material);
+        });
+    }
+    for (votes, n) in votes.into_iter().zip(of_it) {
+        let count = |label: &u32| votes.iter().filter(|v| *v == label).count();
+        labels[n] = votes.iter().copied().find(|v| 2 * count(v) > SAMPLES).unwrap_or(material);
+    }
+    Ok(())
+}
+
+fn join(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Result<(), PointsError> {
     let opacity: Vec<f64> = shown.iter().map(|&i| f64::from(at.opacity_of(i as usize))).collect();
     let contacts = Contacts::among(at, shown)?;
     join_pieces(at, shown, (&contacts, &opacity), labels)?;
@@ -195,6 +238,7 @@ fn mixed(parts: &BTreeMap<u32, f64>) -> Option<[u32; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::rng::{Purpose, Rng};
     use crate::segment::balls::{add, on_threads};
     use crate::segment::colour::fibonacci_sphere;
 
@@ -225,6 +269,39 @@ mod tests {
         add(&mut alone, [-3.0, 0.0, 1.5], [-3.0; 3]);
         labels[1800] = 2;
         assert!(joined(&alone, &labels[..1801]).iter().all(|l| *l == 1));
+    }
+
+    /// Adds a block of Gaussians 0.05 apart, each `material`.
+    fn block(to: &mut Vec<([f32; 3], u32)>, from: [i32; 3], size: [i32; 3], material: u32) {
+        for place in 0..size.iter().product() {
+            let at = [place % size[0], place / size[0] % size[1], place / (size[0] * size[1])];
+            to.push(([0, 1, 2].map(|a| 0.05 * (from[a] + at[a]) as f32), material));
+        }
+    }
+
+    #[test]
+    fn a_layer_several_gaussians_thick_joins_what_it_covers() {
+        let mut rows = Vec::new();
+        // a body, a layer on it, and another body of the layer's material that the layer runs into
+        block(&mut rows, [0, 0, 0], [40, 40, 8], 1);
+        block(&mut rows, [0, 0, 8], [40, 40, 2], 2);
+        block(&mut rows, [40, 0, 8], [40, 40, 16], 2);
+        Rng::new(0, 0, Purpose::Custom(0)).shuffle(&mut rows);
+        let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
+        rows.iter().for_each(|(place, _)| add(&mut at, *place, [-3.3; 3]));
+        let labels: Vec<u32> = rows.iter().map(|row| row.1).collect();
+        let found = joined(&at, &labels);
+        let share = |found: &[u32], wanted: &dyn Fn([f32; 3]) -> bool, label: u32| {
+            let of_it: Vec<usize> = (0..rows.len()).filter(|&n| wanted(rows[n].0)).collect();
+            of_it.iter().filter(|&&n| found[n] == label).count() as f64 / of_it.len() as f64
+        };
+        let layer = |p: [f32; 3]| p[0] < 1.8 && p[2] > 0.38;
+        let others = [share(&found, &|p| p[2] < 0.38, 1), share(&found, &|p| p[0] > 2.2, 2)];
+        assert!(share(&found, &layer, 1) > 0.9 && others == [1.0; 2], "{} {others:?}", share(&found, &layer, 1));
+        assert_eq!(found, on_threads(1, || joined(&at, &labels)));
+        let (all, mut at_once): (Vec<u32>, _) = ((0..at.len() as u32).collect(), labels);
+        join(&at, &all, &mut at_once).unwrap();
+        assert!(share(&at_once, &layer, 2) > 0.9, "not without samples");
     }
 
     #[test]

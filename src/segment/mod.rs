@@ -32,6 +32,7 @@ pub mod pick;
 pub mod pictures;
 pub mod pieces;
 pub mod propagate;
+mod samples;
 pub mod segmentation;
 mod surface_layers;
 pub mod voxels;

@@ -1,0 +1,100 @@
+//! Samples of scenes of many Gaussians, for what is told by contacts between neighbours.
+//!
+//! Whether a layer is in contact with what it covers, and how much of it is edge, depends on how many Gaussians thick it
+//! is, as each is compared with the same number of neighbours. The limits in `bodies` and `surface_layers` were found on
+//! pieces of about [`KNOWN`] Gaussians. A material with far larger pieces is therefore judged in samples of the scene in which
+//! they are of that size, and in which each Gaussian is enlarged by as much as they are farther apart. Materials
+//! differ in this: beside shells of many thousand Gaussians there may be cores of a few hundred.
+
+use super::pieces::{Touch, pieces};
+use crate::model::HostGaussians;
+use crate::points::PointsError;
+
+/// Gaussians in a piece of a material in the scene with the most layers among those on which the limits were found; in
+/// the others, 500 to 3,500. See the results of 2026-11-28 in `benches/results`.
+const KNOWN: f64 = 1300.0;
+/// How many times as many a piece must have for samples to be taken: more than any of those scenes.
+const FAR_MORE: f64 = 3.0;
+/// Samples that vote. In a single one, what is near a limit may fall on either side of it by chance.
+pub(super) const SAMPLES: usize = 5;
+
+/// Returns how many times fewer Gaussians there must be for the pieces of `material` to have [`KNOWN`] Gaussians; 1 if
+/// they do not have far more. `shown` `[M]` are indices into `at`, and `labels` `[M]` the materials.
+///
+/// # Errors
+/// If the arrays of `at` disagree, or points are too far apart.
+///
+/// # Panics
+/// If an index is not below N.
+pub(super) fn thinning(at: &HostGaussians, shown: &[u32], labels: &[u32], material: u32) -> Result<f64, PointsError> {
+    let members: Vec<u32> = shown.iter().zip(labels).filter(|(_, l)| **l == material).map(|(i, _)| *i).collect();
+    let found = pieces(at, &members, Touch::SEEN)?;
+    let mut sizes = vec![0u64; found.weights.len()];
+    found.labels.iter().filter_map(|l| l.checked_sub(1)).for_each(|piece| sizes[piece as usize] += 1);
+    // the size of the piece that a Gaussian is in, on average
+    let total: u64 = sizes.iter().sum();
+    let typical = sizes.iter().map(|n| (n * n) as f64).sum::<f64>() / total.max(1) as f64;
+    Ok(if typical > FAR_MORE * KNOWN { typical / KNOWN } else { 1.0 })
+}
+
+/// A sample of M Gaussians.
+pub(super) struct Sample {
+    /// Its Gaussians.
+    pub at: HostGaussians,
+    /// The row of each among all.
+    pub rows: Vec<usize>,
+}
+
+impl Sample {
+    /// Takes about one in `thinning` of the Gaussians `shown` (`[M]`, indices into `at`), others for each `number`.
+    ///
+    /// # Panics
+    /// If an index is not below N.
+    pub fn of(at: &HostGaussians, shown: &[u32], thinning: f64, number: usize) -> Self {
+        let first = thinning * number as f64 / SAMPLES as f64;
+        let rows: Vec<usize> = (0..shown.len())
+            .map(|k| (first + k as f64 * thinning) as usize)
+            .take_while(|row| *row < shown.len())
+            .collect();
+        let mut sample = at.subset(&rows.iter().map(|&n| shown[n]).collect::<Vec<u32>>());
+        let longer = thinning.cbrt().ln() as f32;
+        sample.log_scales.iter_mut().for_each(|scale| *scale += longer);
+        Self { at: sample, rows }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::segment::balls::add;
+
+    /// A row of Gaussians that touch, one of them of another material and far from the rest.
+    fn row(count: usize) -> (HostGaussians, Vec<u32>, Vec<u32>) {
+        let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
+        (0..count).for_each(|i| add(&mut at, [0.01 * i as f32, 0.0, 0.0], [-4.5; 3]));
+        add(&mut at, [-50.0, 0.0, 0.0], [-4.5; 3]);
+        let labels = (0..=count).map(|i| if i < count { 1 } else { 2 }).collect();
+        (at, (0..=count as u32).collect(), labels)
+    }
+
+    #[test]
+    fn only_large_pieces_are_thinned_and_to_the_size_of_known_ones() {
+        let (at, shown, labels) = row(6500);
+        let thinning_of = |material| thinning(&at, &shown, &labels, material).unwrap();
+        assert_eq!([thinning_of(1), thinning_of(2), thinning_of(3)], [5.0, 1.0, 1.0]);
+        let (at, shown, labels) = row(3000);
+        assert_eq!(thinning(&at, &shown, &labels, 1).unwrap(), 1.0);
+    }
+
+    #[test]
+    fn samples_share_no_gaussian_if_there_are_enough_and_touch_as_before() {
+        let (at, shown, _) = row(6500);
+        let samples: Vec<Sample> = (0..SAMPLES).map(|number| Sample::of(&at, &shown, 5.0, number)).collect();
+        let mut rows: Vec<usize> = samples.iter().flat_map(|s| s.rows.iter().copied()).collect();
+        rows.sort_unstable();
+        assert_eq!(rows, (0..=6500).collect::<Vec<_>>());
+        let longer = samples[1].at.log_scales[0] - at.log_scales[0];
+        assert!((longer.exp().powi(3) - 5.0).abs() < 1e-4, "{longer}");
+        assert_eq!(samples[1].at.means[3], at.means[3 * samples[1].rows[1]]);
+    }
+}
