@@ -43,12 +43,13 @@ const MIXED: f64 = 0.5;
 /// If an index is not below N.
 pub fn join_surface_layers(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Result<(), PointsError> {
     let before = labels.to_vec();
-    join(at, shown, labels)?;
-    for material in 1..=before.iter().copied().max().unwrap_or(0) {
-        let thinning = thinning(at, shown, &before, material)?;
-        if thinning > 1.0 {
-            join_by_samples(at, shown, (&before, labels), material, thinning)?;
-        }
+    let materials = 1..=before.iter().copied().max().unwrap_or(0);
+    let thinned = materials.clone().map(|m| thinning(at, shown, &before, m)).collect::<Result<Vec<f64>, _>>()?;
+    if thinned.contains(&1.0) {
+        join(at, shown, labels)?;
+    }
+    for (material, thinning) in materials.zip(thinned).filter(|(_, thinning)| *thinning > 1.0) {
+        join_by_samples(at, shown, (&before, labels), material, thinning)?;
     }
     Ok(())
 }

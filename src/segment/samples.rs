@@ -29,12 +29,10 @@ pub(super) const SAMPLES: usize = 5;
 /// If an index is not below N.
 pub(super) fn thinning(at: &HostGaussians, shown: &[u32], labels: &[u32], material: u32) -> Result<f64, PointsError> {
     let members: Vec<u32> = shown.iter().zip(labels).filter(|(_, l)| **l == material).map(|(i, _)| *i).collect();
-    let found = pieces(at, &members, Touch::SEEN)?;
-    let mut sizes = vec![0u64; found.weights.len()];
-    found.labels.iter().filter_map(|l| l.checked_sub(1)).for_each(|piece| sizes[piece as usize] += 1);
+    let sizes = pieces(at, &members, Touch::SEEN)?.counts.into_iter().map(f64::from);
     // the size of the piece that a Gaussian is in, on average
-    let total: u64 = sizes.iter().sum();
-    let typical = sizes.iter().map(|n| (n * n) as f64).sum::<f64>() / total.max(1) as f64;
+    let (total, squares) = sizes.fold((0.0, 0.0), |(total, squares), n| (total + n, squares + n * n));
+    let typical = squares / f64::max(total, 1.0);
     Ok(if typical > FAR_MORE * KNOWN { typical / KNOWN } else { 1.0 })
 }
 
