@@ -15,7 +15,7 @@ use crate::points::PointsError;
 use crate::points::chunks::point;
 use crate::points::neighbours::Grid;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Minimum fraction of a piece, by opacity, in contact with another piece for it to join that one's body. Surface
 /// layers of trained scenes have 0.87 to 0.94; a body in a shell, or a core in a body, at most 0.37: see the results of
@@ -37,18 +37,18 @@ const MIXED: f64 = 0.5;
 /// of them. Materials with pieces of many Gaussians are judged in `samples` of the scene.
 ///
 /// # Errors
-/// If the arrays of `at` disagree.
+/// If the arrays of `at` disagree, or points are too far apart.
 ///
 /// # Panics
 /// If an index is not below N.
 pub fn join_surface_layers(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Result<(), PointsError> {
     let before = labels.to_vec();
-    let materials = 1..=before.iter().copied().max().unwrap_or(0);
-    let thinned = materials.clone().map(|m| thinning(at, shown, &before, m)).collect::<Result<Vec<f64>, _>>()?;
+    let materials: BTreeSet<u32> = before.iter().copied().filter(|label| *label > 0).collect();
+    let thinned = materials.iter().map(|&m| thinning(at, shown, &before, m)).collect::<Result<Vec<f64>, _>>()?;
     if thinned.contains(&1.0) {
         join(at, shown, labels)?;
     }
-    for (material, thinning) in materials.zip(thinned).filter(|(_, thinning)| *thinning > 1.0) {
+    for (material, thinning) in materials.into_iter().zip(thinned).filter(|(_, thinning)| *thinning > 1.0) {
         join_by_samples(at, shown, (&before, labels), material, thinning)?;
     }
     Ok(())

@@ -3,8 +3,9 @@
 //! Whether a layer is in contact with what it covers, and how much of it is edge, depends on how many Gaussians thick it
 //! is, as each is compared with the same number of neighbours. The limits in `bodies` and `surface_layers` were found on
 //! pieces of about [`KNOWN`] Gaussians. A material with far larger pieces is therefore judged in samples of the scene in which
-//! they are of that size, and in which each Gaussian is enlarged by as much as they are farther apart. Materials
-//! differ in this: beside shells of many thousand Gaussians there may be cores of a few hundred.
+//! they are of that size, and in which each Gaussian is enlarged by as much as they are farther apart in a volume, the
+//! cube root of the thinning; in a sheet one Gaussian thick, distances grow by its square root, so that contacts are
+//! lost. Materials differ in their sizes: beside shells of many thousand Gaussians there may be cores of a few hundred.
 
 use super::pieces::{Touch, pieces};
 use crate::model::HostGaussians;
@@ -45,7 +46,9 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    /// Takes about one in `thinning` of the Gaussians `shown` (`[M]`, indices into `at`), others for each `number`.
+    /// Takes about one in `thinning` of the Gaussians `shown` (`[M]`, indices into `at`), from another start for each
+    /// `number`. From a thinning of [`SAMPLES`] on, no two samples share a Gaussian; the closer it is to 2, the more they
+    /// share.
     ///
     /// # Panics
     /// If an index is not below N.
@@ -86,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_share_no_gaussian_if_there_are_enough_and_touch_as_before() {
+    fn samples_share_no_gaussian_if_there_are_enough_and_are_enlarged() {
         let (at, shown, _) = row(6500);
         let samples: Vec<Sample> = (0..SAMPLES).map(|number| Sample::of(&at, &shown, 5.0, number)).collect();
         let mut rows: Vec<usize> = samples.iter().flat_map(|s| s.rows.iter().copied()).collect();
