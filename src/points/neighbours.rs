@@ -9,6 +9,10 @@ use std::ops::Range;
 /// Maximum number of cells along one axis; points beyond share the outermost cell (slower, still correct).
 const MAX_CELLS: f64 = (1u32 << 31) as f64;
 
+/// Number of cells along one axis from which [`Grid::adaptive`] makes them no smaller, below [`MAX_CELLS`] even after
+/// one more step. With few, a single point far away would leave all others in one cell.
+const MOST_CELLS: f64 = 5e8;
+
 /// A grid of cubic cells over points `[M, 3]`; non-finite points are skipped.
 ///
 /// Points are sorted by cell with x running fastest, so the cells of one row that a query covers form one slice.
@@ -62,7 +66,7 @@ impl Grid {
             let grid = Self::of(points, &keep, cell);
             // Mean number of points that share a point's cell; distant outliers hardly change it.
             let crowd: f64 = (0..grid.cells()).map(|c| (grid.slots(c).len() as f64).powi(2)).sum();
-            if crowd <= 8.0 * grid.len() as f64 || side / cell > 1e6 {
+            if crowd <= 8.0 * grid.len() as f64 || side / cell > MOST_CELLS {
                 return Ok(grid);
             }
             cell /= if crowd > 64.0 * grid.len() as f64 { 2.5 } else { 1.5 };

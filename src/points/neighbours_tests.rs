@@ -70,6 +70,15 @@ fn counts_exclude_the_point_itself_and_stop_at_the_cap() {
 }
 
 #[test]
+fn a_point_far_away_does_not_leave_all_others_in_one_cell() {
+    let mut points = cloud(2000, 3, false);
+    points.extend([0.0, 3e7, 0.0]);
+    let grid = Grid::adaptive(&points).unwrap();
+    assert!(grid.cells() > 200 && !grid.clamped(), "{} cells", grid.cells());
+    assert_eq!(grid.nearest([0.0, 2e7, 0.0], 1, None)[0].0, 2000);
+}
+
+#[test]
 fn equal_points_are_neighbours_at_distance_zero() {
     let grid = Grid::adaptive(&[0.25; 30]).unwrap();
     assert_eq!(grid.count_within(0.0, 99), [9; 10]);

@@ -74,8 +74,8 @@ impl CoarseOptions {
 /// Gaussians grouped by colour.
 #[derive(Clone, Debug)]
 pub struct Coarse {
-    /// The colours that occur, the one with the highest total opacity first; material colours are those under full
-    /// light.
+    /// The colours that occur, the one with the highest total opacity first, not counting what surface layers and
+    /// Gaussians of other times add; material colours are those under full light.
     pub palette: Vec<PaletteEntry>,
     /// `[N]`: position in the palette + 1; 0 for outliers and for Gaussians always transparent or not finite.
     pub labels: Vec<u32>,

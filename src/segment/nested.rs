@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn gaussians_in_no_part_and_non_finite_ones_are_in_no_object() {
+    fn gaussians_in_no_part_are_in_no_object_and_non_finite_ones_follow_their_part() {
         let (mut at, mut part, segment) = plumes();
         at.means[30] = f32::NAN;
         part.iter_mut().filter(|p| **p == 5).for_each(|p| *p = 0);

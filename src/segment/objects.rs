@@ -88,9 +88,11 @@ fn grouped(sample: &[&[f32]]) -> Vec<u32> {
     let n = sample.len();
     let of = UnionFind::new(n);
     if n > 1 {
-        // a feature that is not finite is similar to none
-        let distance =
-            |a: &[f32], b: &[f32]| Some((1.0 - cosine(a, b)).max(0.0)).filter(|d| d.is_finite()).unwrap_or(2.0);
+        // a feature that is not finite is similar to none; the maximum of NaN and 0 is 0, so this is checked first
+        let distance = |a: &[f32], b: &[f32]| match 1.0 - cosine(a, b) {
+            distance if distance.is_finite() => distance.max(0.0),
+            _ => 2.0,
+        };
         let later = |(k, a): (usize, &&[f32])| sample[k + 1..].iter().map(|b| distance(a, b)).collect::<Vec<f32>>();
         let mut distances: Vec<f32> = sample.iter().enumerate().flat_map(later).collect();
         // one observation of each cluster: first the single observations, then the clusters that the steps form
@@ -176,6 +178,16 @@ mod tests {
         let drift: Vec<f32> = body.means.chunks_exact(3).flat_map(|p| at(1.2 * p[0])).collect();
         assert!(groups(&drift).len() > 2, "there are several patches of similar features");
         assert_eq!(objects(&body, &drift).unwrap(), vec![1; body.len()]);
+    }
+
+    #[test]
+    fn features_that_are_not_finite_are_similar_to_none_and_join_no_others() {
+        let features = [at(0.0), at(0.0), at(f32::NAN), at(f32::NAN), at(1.2), at(1.2)];
+        let sample: Vec<&[f32]> = features.iter().map(|feature| &feature[..]).collect();
+        let found = grouped(&sample);
+        assert!(found[0] == found[1] && found[4] == found[5], "{found:?}");
+        let apart = [found[0], found[2], found[3], found[4]];
+        assert!((1..4).all(|k| !apart[..k].contains(&apart[k])), "{found:?}");
     }
 
     #[test]

@@ -4,8 +4,9 @@
 //! Training may learn a motion as fading: some Gaussians fade out where an object was, others fade in where it is. A
 //! click then selects the Gaussians that the object consists of at that time, and none of those that it consists of
 //! later. In between, both are visible and overlap: at each of many times, from that of the click outwards, Gaussians
-//! that have appeared join the nearest ones that they overlap, whether these are selected or not. Gaussians that appear
-//! on their own, as a new object does, join none.
+//! that have appeared join the nearest ones that they overlap, whether these are selected or not. If some overlap none,
+//! what they replace may have vanished since the time before, the sooner the smaller the Gaussians are: for these,
+//! times in between are visited as well. Gaussians that still appear on their own, as a new object does, join none.
 //!
 //! Fading is rarely complete: at the time of the click, what an object consists of at other times is left as scattered
 //! faint [`strays`]. Unless selected, these are treated as invisible then.
@@ -20,6 +21,11 @@ use rayon::prelude::*;
 
 /// Step between the times visited, about that between 15 training times.
 const STEP: f64 = 1.0 / 15.0;
+/// Parts of a step for Gaussians that overlap none after it. Visiting as many times for all selects no better and takes
+/// far longer: see the results of 2026-11-28 in `benches/results`.
+const PARTS: u32 = 4;
+/// Number of nearest Gaussians, visible or not, among which each such Gaussian is joined to others in between.
+const NEAR: usize = 24;
 /// Distance up to which two Gaussians overlap, as a multiple of the sum of their largest standard deviations. Values
 /// from 0.7 to 1.5 make no difference; at 2.5, Gaussians that appear beside an object join it too: see the results of
 /// 2026-11-23 in `benches/results`.
@@ -39,44 +45,84 @@ pub fn propagate(scene: &Scene, selected: &[u32], within: &[u32], time: f64) -> 
     }
     let some = scene.some(within);
     let was: Vec<bool> = within.iter().map(|i| selected.binary_search(i).is_ok()).collect();
-    let is = propagated(&was, time, |t| some.at(t as f32))?;
+    let is = propagated(&was, time, |rows, time| match rows {
+        None => some.at(time as f32),
+        Some(rows) => scene.some(&rows.iter().map(|&n| within[n as usize]).collect::<Vec<u32>>()).at(time as f32),
+    })?;
     Ok(within.iter().zip(is).filter(|(_, is)| *is).map(|(i, _)| *i).collect())
 }
 
-/// The same for M Gaussians, given `at` any time: whether each belongs to what `was` selected, `[M]`.
-fn propagated(was: &[bool], time: f64, at: impl Fn(f64) -> HostGaussians) -> Result<Vec<bool>, PointsError> {
-    let seen = |at: &HostGaussians, i: usize| at.opacity_of(i) >= SEEN && at.is_finite(i);
-    let first = at(time);
+/// The same for M Gaussians, given all of them, or some rows, `at` any time: whether each belongs to what `was`
+/// selected, `[M]`.
+fn propagated(
+    was: &[bool],
+    time: f64,
+    at: impl Fn(Option<&[u32]>, f64) -> HostGaussians,
+) -> Result<Vec<bool>, PointsError> {
+    let first = at(None, time);
     let stray = strays(&first)?;
-    let is_known = |i: usize| seen(&first, i) && (was[i] || !stray[i]);
+    let is_known = |i: usize| is_seen(&first, i) && (was[i] || !stray[i]);
     let mut known: Vec<Option<bool>> = (0..was.len()).map(|i| is_known(i).then_some(was[i])).collect();
-    for time in outwards(time) {
-        let at = at(time);
-        let (there, open): (Vec<u32>, Vec<u32>) =
-            (0..was.len() as u32).filter(|&i| seen(&at, i as usize)).partition(|&i| known[i as usize].is_some());
-        for (i, is) in joining(&at, &there, &open, &known)? {
-            known[i as usize] = Some(is);
+    let all: Vec<u32> = (0..was.len() as u32).collect();
+    for [before, time] in outwards(time) {
+        let after = at(None, time);
+        let alone = join(&after, &all, &mut known)?;
+        if alone.is_empty() {
+            continue;
+        }
+        let some = with_nearest(&after, &alone)?;
+        for part in (1..=PARTS).map(|part| f64::from(part) / f64::from(PARTS)) {
+            join(&at(Some(&some), before + (time - before) * part), &some, &mut known)?;
         }
     }
     Ok(known.into_iter().zip(was).map(|(known, was)| known.unwrap_or(*was)).collect())
 }
 
-/// Returns the times from `time` to the end, then from `time` back to the beginning, without `time` itself.
-fn outwards(time: f64) -> Vec<f64> {
+fn is_seen(at: &HostGaussians, row: usize) -> bool {
+    at.opacity_of(row) >= SEEN && at.is_finite(row)
+}
+
+/// Returns the times from `time` to the end, then from `time` back to the beginning, without `time` itself, each after
+/// the one that it is reached from.
+fn outwards(time: f64) -> Vec<[f64; 2]> {
     let steps = |to: f64| {
         let count = ((to - time).abs() / STEP).ceil() as usize;
-        (1..=count).map(move |k| if k == count { to } else { time + (to - time).signum() * STEP * k as f64 })
+        let after = move |k: usize| if k == count { to } else { time + (to - time).signum() * STEP * k as f64 };
+        (1..=count).map(move |k| [after(k - 1), after(k)])
     };
     steps(1.0).chain(steps(0.0)).collect()
 }
 
+/// Lets visible Gaussians that are not `known` yet join what they overlap. Row k of `at` is Gaussian `rows[k]`. Returns
+/// those that overlap none.
+fn join(at: &HostGaussians, rows: &[u32], known: &mut [Option<bool>]) -> Result<Vec<u32>, PointsError> {
+    let seen = (0..rows.len() as u32).filter(|&k| is_seen(at, k as usize));
+    let (there, open): (Vec<u32>, Vec<u32>) = seen.partition(|&k| known[rows[k as usize] as usize].is_some());
+    let selected = |k: u32| known[rows[k as usize] as usize] == Some(true);
+    for (k, is) in joining(at, &there, &open, selected)? {
+        known[rows[k as usize] as usize] = Some(is);
+    }
+    Ok(open.into_iter().map(|k| rows[k as usize]).filter(|&i| known[i as usize].is_none()).collect())
+}
+
+/// Returns the Gaussians `alone` and the nearest ones of each, visible or not, ascending.
+fn with_nearest(at: &HostGaussians, alone: &[u32]) -> Result<Vec<u32>, PointsError> {
+    let grid = Grid::adaptive(&at.means)?;
+    let nearest = |&i: &u32| grid.nearest(point(&at.means, i as usize), NEAR, None);
+    let mut out: Vec<u32> =
+        alone.par_iter().flat_map_iter(nearest).map(|(i, _)| i).chain(alone.par_iter().copied()).collect();
+    out.par_sort_unstable();
+    out.dedup();
+    Ok(out)
+}
+
 /// Returns which of the `open` Gaussians overlap any of their nearest among those `there`, and whether most of the
-/// opacity of the overlapped ones is `known` to be selected.
+/// opacity of the overlapped ones is `selected`. All are rows of `at`.
 fn joining(
     at: &HostGaussians,
     there: &[u32],
     open: &[u32],
-    known: &[Option<bool>],
+    selected: impl Fn(u32) -> bool + Sync,
 ) -> Result<Vec<(u32, bool)>, PointsError> {
     if there.is_empty() || open.is_empty() {
         return Ok(Vec::new());
@@ -87,13 +133,13 @@ fn joining(
     let vote = |&i: &u32| {
         let mut sums: Option<[f32; 2]> = None;
         for (n, square) in grid.nearest(point(&at.means, i as usize), VOTERS, None) {
-            let voter = there[n as usize] as usize;
-            let limit = OVERLAP * (radii[i as usize] + radii[voter]);
+            let voter = there[n as usize];
+            let limit = OVERLAP * (radii[i as usize] + radii[voter as usize]);
             if square <= limit * limit {
-                sums.get_or_insert_default()[usize::from(known[voter] == Some(true))] += at.opacity_of(voter);
+                sums.get_or_insert_default()[usize::from(selected(voter))] += at.opacity_of(voter as usize);
             }
         }
-        sums.map(|[rest, selected]| (i, selected > rest))
+        sums.map(|[rest, of_selected]| (i, of_selected > rest))
     };
     Ok(open.par_iter().filter_map(vote).collect())
 }
@@ -106,12 +152,16 @@ mod tests {
     const ALONG: usize = 12;
     const STAGES: usize = 8;
 
+    fn rods(time: f64) -> HostGaussians {
+        rods_of(STAGES, time)
+    }
+
     /// Two rods side by side that rise by fading: each has a row of Gaussians at each of several heights, visible while
     /// the rod is near it. Rows of the first rod, then of the second, then one Gaussian that is never visible.
-    fn rods(time: f64) -> HostGaussians {
+    fn rods_of(stages: usize, time: f64) -> HostGaussians {
         let mut out = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-        for (rod, stage) in (0..2).flat_map(|rod| (0..STAGES).map(move |s| (rod, s))) {
-            let away = (time * (STAGES - 1) as f64 - stage as f64).abs();
+        for (rod, stage) in (0..2).flat_map(|rod| (0..stages).map(move |s| (rod, s))) {
+            let away = (time * (stages - 1) as f64 - stage as f64).abs();
             for k in 0..ALONG {
                 add(&mut out, [0.1 * k as f32, 2.0 * rod as f32, 0.12 * stage as f32], [-2.7; 3]);
                 *out.opacity_logits.last_mut().unwrap() = if away < 0.8 { 2.0 } else { -8.0 };
@@ -122,6 +172,11 @@ mod tests {
         out
     }
 
+    /// What `propagated` asks for, of the Gaussians at a time.
+    fn given(at: impl Fn(f64) -> HostGaussians) -> impl Fn(Option<&[u32]>, f64) -> HostGaussians {
+        move |rows, time| rows.map_or_else(|| at(time), |rows| at(time).subset(rows))
+    }
+
     #[test]
     fn gaussians_that_replace_selected_ones_are_selected_and_others_are_not() {
         let n = 2 * STAGES * ALONG + 1;
@@ -129,9 +184,28 @@ mod tests {
             let seen = rods(time).opacity();
             let first = |i: usize| i < STAGES * ALONG;
             let was: Vec<bool> = (0..n).map(|i| first(i) && seen[i] > 0.1).collect();
-            let found = propagated(&was, time, rods).unwrap();
+            let found = propagated(&was, time, given(rods)).unwrap();
             assert_eq!(found, (0..n).map(first).collect::<Vec<_>>(), "{time}");
-            assert_eq!(found, on_threads(1, || propagated(&was, time, rods)).unwrap());
+            assert_eq!(found, on_threads(1, || propagated(&was, time, given(rods))).unwrap());
+        }
+    }
+
+    #[test]
+    fn what_is_replaced_within_a_step_is_followed() {
+        let stages = 30;
+        let rise = |time: f64| rods_of(stages, time);
+        let first = |i: usize| i < stages * ALONG;
+        // after one step, all that was visible has vanished, and what has replaced it is too far away to overlap
+        let (now, then) = (rise(0.0).opacity(), rise(STEP).opacity());
+        assert!(now.iter().zip(&then).all(|(now, then)| now.min(*then) < SEEN));
+        for time in [0.0, 0.5, 1.0] {
+            let seen = rise(time).opacity();
+            let was: Vec<bool> = (0..seen.len()).map(|i| first(i) && seen[i] > 0.1).collect();
+            assert_eq!(
+                propagated(&was, time, given(rise)).unwrap(),
+                (0..seen.len()).map(first).collect::<Vec<_>>(),
+                "{time}"
+            );
         }
     }
 
@@ -154,7 +228,7 @@ mod tests {
             let was: Vec<bool> = (0..at.len()).map(|i| first(i) && at.opacity_of(i) > 0.1).collect();
             assert!((0..at.len()).any(|i| first(i) && !was[i] && at.opacity_of(i) >= SEEN), "{time}: some are seen");
             assert_eq!(
-                propagated(&was, time, remains).unwrap(),
+                propagated(&was, time, given(remains)).unwrap(),
                 (0..at.len()).map(first).collect::<Vec<_>>(),
                 "{time}"
             );
@@ -171,9 +245,9 @@ mod tests {
             at.means[3] = f32::NAN;
             at
         };
-        assert_eq!(propagated(&was, 0.5, poisoned).unwrap(), was);
+        assert_eq!(propagated(&was, 0.5, given(poisoned)).unwrap(), was);
         assert_eq!(
-            propagated(&[], 0.5, |_| HostGaussians { sh_stride: 1, ..HostGaussians::default() }).unwrap(),
+            propagated(&[], 0.5, given(|_| HostGaussians { sh_stride: 1, ..HostGaussians::default() })).unwrap(),
             [false; 0]
         );
     }
@@ -181,8 +255,10 @@ mod tests {
     #[test]
     fn times_go_outwards_and_reach_both_ends() {
         let times = outwards(0.49);
-        assert!(times.contains(&0.0) && times.contains(&1.0) && !times.contains(&0.49));
+        let reached: Vec<f64> = times.iter().map(|[_, time]| *time).collect();
+        assert!(reached.contains(&0.0) && reached.contains(&1.0) && !reached.contains(&0.49));
         assert_eq!((times.len(), outwards(1.0).len()), (16, 15));
-        assert!((times[0] - 0.49 - STEP).abs() < 1e-12);
+        let from = |[before, _]: &[f64; 2]| *before == 0.49 || reached.contains(before);
+        assert!(times.iter().all(|step| from(step) && (step[1] - step[0]).abs() < STEP + 1e-12));
     }
 }

@@ -1,21 +1,22 @@
 //! Samples of scenes of many Gaussians, for what is told by contacts between neighbours.
 //!
-//! Whether a layer is in contact with what it covers, and how much of it is edge, depends on how many Gaussians thick it
-//! is, as each is compared with the same number of neighbours. The limits in `bodies` and `surface_layers` were found on
-//! pieces of about [`KNOWN`] Gaussians. A material with far larger pieces is therefore judged in samples of the scene in which
-//! they are of that size, and in which each Gaussian is enlarged by as much as they are farther apart in a volume, the
-//! cube root of the thinning; in a sheet one Gaussian thick, distances grow by its square root, so that contacts are
-//! lost. Materials differ in their sizes: beside shells of many thousand Gaussians there may be cores of a few hundred.
+//! Whether a layer is in contact with what it covers, and how much of it is edge, depends on how many Gaussians thick
+//! it is, as each is compared with the same number of neighbours. The limits in `bodies` and `surface_layers` were
+//! found on pieces of about [`KNOWN`] Gaussians. A material with far larger pieces is therefore judged in samples of
+//! the scene in which they are of that size, and in which each Gaussian is enlarged by as much as they are farther
+//! apart in a volume, the cube root of the thinning; in a sheet one Gaussian thick, distances grow by its square root,
+//! so that contacts are lost. Materials differ in their sizes: beside shells of many thousand Gaussians there may be
+//! cores of a few hundred.
 
 use super::pieces::{Touch, pieces};
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 
-/// Gaussians in a piece of a material, weighted by size, in the scene with the most layers among those on which the limits
-/// were found: see the results of 2026-11-28 in `benches/results`.
+/// Gaussians in a piece of a material, weighted by size, in the scene with the most layers among those on which the
+/// limits were found: see the results of 2026-11-28 in `benches/results`.
 const KNOWN: f64 = 1300.0;
-/// How many times as many a piece must have for samples to be taken. Some of those scenes have such pieces too, and the same
-/// result with and without samples.
+/// How many times as many a piece must have for samples to be taken. Some of those scenes have such pieces too, and the
+/// same result with and without samples.
 const FAR_MORE: f64 = 2.0;
 /// Samples that vote. In a single one, what is near a limit may fall on either side of it by chance.
 pub(super) const SAMPLES: usize = 5;
@@ -47,8 +48,8 @@ pub(super) struct Sample {
 
 impl Sample {
     /// Takes about one in `thinning` of the Gaussians `shown` (`[M]`, indices into `at`), from another start for each
-    /// `number`. From a thinning of [`SAMPLES`] on, no two samples share a Gaussian; the closer it is to 2, the more they
-    /// share.
+    /// `number`. From a thinning of [`SAMPLES`] on, no two samples share a Gaussian; the closer it is to 2, the more
+    /// they share.
     ///
     /// # Panics
     /// If an index is not below N.

@@ -213,9 +213,11 @@ mod tests {
 
     #[test]
     fn gaussians_without_material_stay_and_touch_nothing() {
+        // as above, but what the layer covers has no material
         let mut scene = nothing();
-        block(&mut scene, [0, 0, 0], [8, 8, 4], 1);
-        block(&mut scene, [0, 0, 4], [8, 8, 1], 0);
+        block(&mut scene, [0, 0, 0], [21, 20, 4], 0);
+        block(&mut scene, [0, 0, 4], [20, 20, 1], 2);
+        block(&mut scene, [20, 0, 4], [20, 20, 5], 2);
         assert_eq!(joined(&scene), scene.1);
         assert_eq!(joined(&nothing()), [0u32; 0]);
     }
