@@ -43,36 +43,37 @@ pub fn propagate(scene: &Scene, selected: &[u32], within: &[u32], time: f64) -> 
     if !scene.opacity_changes() || within.is_empty() {
         return Ok(selected.to_vec());
     }
-    let some = scene.some(within);
     let was: Vec<bool> = within.iter().map(|i| selected.binary_search(i).is_ok()).collect();
-    let is = propagated(&was, time, |rows, time| match rows {
-        None => some.at(time as f32),
-        Some(rows) => scene.some(&rows.iter().map(|&n| within[n as usize]).collect::<Vec<u32>>()).at(time as f32),
+    let is = propagated(&was, time, |rows| {
+        let some = scene.some(&rows.iter().map(|&n| within[n as usize]).collect::<Vec<u32>>());
+        move |time: f64| some.at(time as f32)
     })?;
     Ok(within.iter().zip(is).filter(|(_, is)| *is).map(|(i, _)| *i).collect())
 }
 
-/// The same for M Gaussians, given all of them, or some rows, `at` any time: whether each belongs to what `was`
-/// selected, `[M]`.
-fn propagated(
+/// The same for M Gaussians: whether each belongs to what `was` selected, `[M]`. `some` returns for some rows a function
+/// that returns these Gaussians at a time.
+fn propagated<At: Fn(f64) -> HostGaussians>(
     was: &[bool],
     time: f64,
-    at: impl Fn(Option<&[u32]>, f64) -> HostGaussians,
+    some: impl Fn(&[u32]) -> At,
 ) -> Result<Vec<bool>, PointsError> {
-    let first = at(None, time);
+    let all: Vec<u32> = (0..was.len() as u32).collect();
+    let all_at = some(&all);
+    let first = all_at(time);
     let stray = strays(&first)?;
     let is_known = |i: usize| is_seen(&first, i) && (was[i] || !stray[i]);
     let mut known: Vec<Option<bool>> = (0..was.len()).map(|i| is_known(i).then_some(was[i])).collect();
-    let all: Vec<u32> = (0..was.len() as u32).collect();
     for [before, time] in outwards(time) {
-        let after = at(None, time);
+        let after = all_at(time);
         let alone = join(&after, &all, &mut known)?;
         if alone.is_empty() {
             continue;
         }
-        let some = with_nearest(&after, &alone)?;
+        let near = with_nearest(&after, &alone)?;
+        let near_at = some(&near);
         for part in (1..=PARTS).map(|part| f64::from(part) / f64::from(PARTS)) {
-            join(&at(Some(&some), before + (time - before) * part), &some, &mut known)?;
+            join(&near_at(before + (time - before) * part), &near, &mut known)?;
         }
     }
     Ok(known.into_iter().zip(was).map(|(known, was)| known.unwrap_or(*was)).collect())
@@ -172,9 +173,12 @@ mod tests {
         out
     }
 
-    /// What `propagated` asks for, of the Gaussians at a time.
-    fn given(at: impl Fn(f64) -> HostGaussians) -> impl Fn(Option<&[u32]>, f64) -> HostGaussians {
-        move |rows, time| rows.map_or_else(|| at(time), |rows| at(time).subset(rows))
+    fn followed(was: &[bool], time: f64, at: impl Fn(f64) -> HostGaussians + Copy) -> Vec<bool> {
+        propagated(was, time, |rows| {
+            let rows = rows.to_vec();
+            move |time| at(time).subset(&rows)
+        })
+        .unwrap()
     }
 
     #[test]
@@ -184,9 +188,9 @@ mod tests {
             let seen = rods(time).opacity();
             let first = |i: usize| i < STAGES * ALONG;
             let was: Vec<bool> = (0..n).map(|i| first(i) && seen[i] > 0.1).collect();
-            let found = propagated(&was, time, given(rods)).unwrap();
+            let found = followed(&was, time, rods);
             assert_eq!(found, (0..n).map(first).collect::<Vec<_>>(), "{time}");
-            assert_eq!(found, on_threads(1, || propagated(&was, time, given(rods))).unwrap());
+            assert_eq!(found, on_threads(1, || followed(&was, time, rods)));
         }
     }
 
@@ -201,11 +205,7 @@ mod tests {
         for time in [0.0, 0.5, 1.0] {
             let seen = rise(time).opacity();
             let was: Vec<bool> = (0..seen.len()).map(|i| first(i) && seen[i] > 0.1).collect();
-            assert_eq!(
-                propagated(&was, time, given(rise)).unwrap(),
-                (0..seen.len()).map(first).collect::<Vec<_>>(),
-                "{time}"
-            );
+            assert_eq!(followed(&was, time, rise), (0..seen.len()).map(first).collect::<Vec<_>>(), "{time}");
         }
     }
 
@@ -227,11 +227,7 @@ mod tests {
             let at = remains(time);
             let was: Vec<bool> = (0..at.len()).map(|i| first(i) && at.opacity_of(i) > 0.1).collect();
             assert!((0..at.len()).any(|i| first(i) && !was[i] && at.opacity_of(i) >= SEEN), "{time}: some are seen");
-            assert_eq!(
-                propagated(&was, time, given(remains)).unwrap(),
-                (0..at.len()).map(first).collect::<Vec<_>>(),
-                "{time}"
-            );
+            assert_eq!(followed(&was, time, remains), (0..at.len()).map(first).collect::<Vec<_>>(), "{time}");
         }
     }
 
@@ -245,11 +241,8 @@ mod tests {
             at.means[3] = f32::NAN;
             at
         };
-        assert_eq!(propagated(&was, 0.5, given(poisoned)).unwrap(), was);
-        assert_eq!(
-            propagated(&[], 0.5, given(|_| HostGaussians { sh_stride: 1, ..HostGaussians::default() })).unwrap(),
-            [false; 0]
-        );
+        assert_eq!(followed(&was, 0.5, poisoned), was);
+        assert_eq!(followed(&[], 0.5, |_| HostGaussians { sh_stride: 1, ..HostGaussians::default() }), [false; 0]);
     }
 
     #[test]
@@ -258,6 +251,7 @@ mod tests {
         let reached: Vec<f64> = times.iter().map(|[_, time]| *time).collect();
         assert!(reached.contains(&0.0) && reached.contains(&1.0) && !reached.contains(&0.49));
         assert_eq!((times.len(), outwards(1.0).len()), (16, 15));
+        assert!((times[0][1] - 0.49 - STEP).abs() < 1e-12);
         let from = |[before, _]: &[f64; 2]| *before == 0.49 || reached.contains(before);
         assert!(times.iter().all(|step| from(step) && (step[1] - step[0]).abs() < STEP + 1e-12));
     }
