@@ -67,6 +67,15 @@ fn cosine(a: &[f32], b: &[f32]) -> f32 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
+/// 1 - the cosine of two features; 2 if one is not finite, so that it is similar to none.
+fn distance(a: &[f32], b: &[f32]) -> f32 {
+    match 1.0 - cosine(a, b) {
+        // only if finite: the maximum of NaN and 0 is 0
+        distance if distance.is_finite() => distance.max(0.0),
+        _ => 2.0,
+    }
+}
+
 /// Mean directions `[G][16]` of the groups of similar features, by average linkage of a sample.
 fn groups(features: &[f32]) -> Vec<[f32; FEATURES]> {
     let count = features.len() / FEATURES;
@@ -88,11 +97,6 @@ fn grouped(sample: &[&[f32]]) -> Vec<u32> {
     let n = sample.len();
     let of = UnionFind::new(n);
     if n > 1 {
-        // a feature that is not finite is similar to none; the maximum of NaN and 0 is 0, so this is checked first
-        let distance = |a: &[f32], b: &[f32]| match 1.0 - cosine(a, b) {
-            distance if distance.is_finite() => distance.max(0.0),
-            _ => 2.0,
-        };
         let later = |(k, a): (usize, &&[f32])| sample[k + 1..].iter().map(|b| distance(a, b)).collect::<Vec<f32>>();
         let mut distances: Vec<f32> = sample.iter().enumerate().flat_map(later).collect();
         // one observation of each cluster: first the single observations, then the clusters that the steps form
@@ -131,13 +135,12 @@ fn touching(body: &HostGaussians) -> Result<Vec<(u32, u32)>, PointsError> {
 
 /// The same pairs with weights: the more the feature changes, relative to the median change, the lower the weight.
 fn weighted(features: &[f32], touching: &[(u32, u32)]) -> Vec<Edge> {
-    let change =
-        |&(a, b): &(u32, u32)| f64::from(1.0 - cosine(row(features, a as usize), row(features, b as usize))).max(0.0);
+    let change = |&(a, b): &(u32, u32)| f64::from(distance(row(features, a as usize), row(features, b as usize)));
     let changes: Vec<f64> = touching.par_iter().map(change).collect();
     let mut sorted = changes.clone();
     let middle = sorted.len() / 2;
     let usual = if sorted.is_empty() { 1.0 } else { *sorted.select_nth_unstable_by(middle, f64::total_cmp).1 };
-    let weight = |change: f64| Some((-change / (2.0 * usual.max(1e-9))).exp()).filter(|w| w.is_finite()).unwrap_or(0.0);
+    let weight = |change: f64| (-change / (2.0 * usual.max(1e-9))).exp();
     touching.iter().zip(changes).map(|(&(a, b), change)| (a, b, weight(change))).collect()
 }
 
@@ -188,6 +191,10 @@ mod tests {
         assert!(found[0] == found[1] && found[4] == found[5], "{found:?}");
         let apart = [found[0], found[2], found[3], found[4]];
         assert!((1..4).all(|k| !apart[..k].contains(&apart[k])), "{found:?}");
+        // nor does a contact with one of them hold an object together
+        let weights = weighted(&features.concat(), &[(0, 1), (4, 5), (1, 4), (1, 2), (2, 3)]).into_iter().map(|e| e.2);
+        let [alike, too, unlike, not_finite, neither] = weights.collect::<Vec<f64>>()[..] else { unreachable!() };
+        assert!(alike == 1.0 && too == 1.0 && not_finite < unlike && neither < unlike && unlike < 1.0);
     }
 
     #[test]
