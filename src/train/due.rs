@@ -1,7 +1,12 @@
 //! When Gaussians are added, removed and reset: what is due after a step, determined by the step alone.
+//!
+//! It is applied when the next step begins. What follows a step, such as an evaluation, a checkpoint or the end of the
+//! run, thus sees Gaussians that have been trained together, not copies that still overlap or opacities just reset.
 
 use super::schedule::Stage;
 use crate::config::types::{Config, DensifyMode};
+use crate::model::params::HostTensor;
+use std::collections::BTreeMap;
 
 /// What is due at a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -16,6 +21,51 @@ pub struct Due {
     pub reset: bool,
 }
 
+/// Whether the changes due after the last step are still to be applied.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Waiting(bool);
+
+/// Changes of the Gaussians to apply before a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Changes {
+    /// The step of the run, from 0, after which they were due.
+    pub step: usize,
+    /// Which are added, removed or reset.
+    pub due: Due,
+    /// Whether the Gaussians are then sorted along a space-filling curve.
+    pub sort: bool,
+}
+
+impl Waiting {
+    /// Marks it in a checkpoint. Those of early versions lack it: there, changes were applied before saving.
+    const NAME: &'static str = "densify.waiting";
+
+    /// Notes that a step was taken.
+    pub fn after_step(&mut self) {
+        self.0 = true;
+    }
+
+    /// Returns what is to be applied after `steps` steps of a run that started with `start` Gaussians, once.
+    pub fn take(&mut self, steps: usize, config: &Config, start: usize) -> Option<Changes> {
+        let step = std::mem::take(&mut self.0).then(|| steps.checked_sub(1))??;
+        let sort_every = config.speed.sort_every;
+        let sort = sort_every > 0 && steps.is_multiple_of(sort_every);
+        let due = due(Stage::at(step, config), config, start);
+        (due != Due::default() || sort).then_some(Changes { step, due, sort })
+    }
+
+    /// Returns what a checkpoint keeps.
+    pub fn to_tensors(self) -> BTreeMap<String, HostTensor> {
+        let mark = (Self::NAME.to_owned(), HostTensor { shape: vec![1], values: vec![1.0] });
+        self.0.then_some(mark).into_iter().collect()
+    }
+
+    /// Restores what [`Waiting::to_tensors`] returned.
+    pub fn load(tensors: &BTreeMap<String, HostTensor>) -> Self {
+        Self(tensors.contains_key(Self::NAME))
+    }
+}
+
 /// The steps of a stage, counted from 1, at which Gaussians may be added: after `from`, up to and including `until`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Span {
@@ -24,12 +74,15 @@ pub(super) struct Span {
 }
 
 impl Span {
-    /// Returns the spans of warm-up and of the joint stage.
+    /// Returns the spans of warm-up and of the joint stage. They end before the last step of the run, after which
+    /// nothing is applied any more.
     pub(super) fn of(config: &Config) -> [Self; 2] {
         let (d, stages) = (&config.densify, &config.stages);
+        let warmup_steps =
+            if stages.joint_steps > 0 { stages.warmup_steps } else { stages.warmup_steps.saturating_sub(1) };
         [
-            Self { from: d.warmup_from, until: d.warmup_until.min(stages.warmup_steps) },
-            Self { from: d.joint_from, until: d.joint_until.min(stages.joint_steps) },
+            Self { from: d.warmup_from, until: d.warmup_until.min(warmup_steps) },
+            Self { from: d.joint_from, until: d.joint_until.min(stages.joint_steps.saturating_sub(1)) },
         ]
     }
 
@@ -50,7 +103,7 @@ impl Span {
 
 /// Returns what is due after the step of `stage`, for a run that started with `start` Gaussians; steps count from 1
 /// within their stage.
-pub fn due(stage: Stage, config: &Config, start: usize) -> Due {
+fn due(stage: Stage, config: &Config, start: usize) -> Due {
     let d = &config.densify;
     let [warmup, joint] = Span::of(config);
     let (step, span) = match stage {
@@ -157,14 +210,39 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_removed_after_the_last_step_of_the_run() {
+    fn nothing_is_added_or_removed_after_the_last_step_of_the_run() {
         let mut config = Config::default();
         config.stages.joint_steps = 4000;
         let joint = |step: usize| due(Stage::Joint(step - 1), &config, 100);
-        assert!(joint(3500).prune && !joint(4000).prune);
-        assert_eq!(joint(4000).grow_to, Some(config.densify.budget));
+        assert!(joint(3500).prune && joint(4000) == Due::default());
+        assert_eq!(joint(3999).grow_to, Some(config.densify.budget), "with one step left to train what is added");
         (config.stages.warmup_steps, config.stages.joint_steps) = (1000, 0);
         assert_eq!(warmup_steps(&config, |d| d.prune), [500]);
+    }
+
+    #[test]
+    fn what_is_due_waits_for_the_next_step_and_is_applied_once() {
+        let mut config = Config::default();
+        (config.densify.mode, config.speed.sort_every) = (DensifyMode::Off, 100);
+        (config.densify.prune_opacity, config.densify.opacity_reset) = (0.0, 250);
+        let reset = Due { reset: true, ..Due::default() };
+        let mut waiting = Waiting::default();
+        assert_eq!(waiting.take(0, &config, 100), None, "no step has been taken");
+        for (steps, expected) in [
+            (99, None),
+            (100, Some(Changes { step: 99, due: Due::default(), sort: true })),
+            (250, Some(Changes { step: 249, due: reset, sort: false })),
+        ] {
+            assert_eq!(waiting.take(steps, &config, 100), None);
+            waiting.after_step();
+            let mut restored = Waiting::load(&waiting.to_tensors());
+            assert_eq!(waiting.take(steps, &config, 100), expected);
+            assert_eq!(restored.take(steps, &config, 100), expected);
+            assert!(waiting.to_tensors().is_empty());
+        }
+        config.speed.sort_every = 0;
+        waiting.after_step();
+        assert_eq!(waiting.take(100, &config, 100), None);
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use super::checkpoint::CheckpointError;
 use super::densify::Statistics;
+use super::due::Waiting;
 use super::{Saved, StepReport, TrainError, Trainer, Training};
 use crate::data::Split;
 use crate::model::params::{self, HostTensor};
@@ -30,6 +31,7 @@ impl Training for Trainer {
         tensors.extend(self.culling.to_tensors());
         tensors.extend(self.statistics.to_host().into_tensors());
         tensors.extend(self.average.to_tensors(self.scene()));
+        tensors.extend(self.waiting.to_tensors());
         tensors
     }
 
@@ -42,6 +44,7 @@ impl Training for Trainer {
         self.statistics.replace(|_| statistics);
         self.optimizer.load(&from.state, &params::sizes(&scene), &device.inner()).map_err(bad)?;
         self.culling.load(&from.state, n);
+        self.waiting = Waiting::load(&from.state);
         (self.scene, self.step, self.initial) = (Some(scene), from.step, from.first_primitives);
         Ok(())
     }

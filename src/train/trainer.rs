@@ -5,7 +5,7 @@ use super::budget::{Views, check_memory};
 use super::check::{Background, check, check_device, evaluation_background, parse_background};
 use super::culling::Culling;
 use super::densify;
-use super::due::{Due, due};
+use super::due::{Changes, Due, Waiting};
 use super::gather::{Gathered, View};
 use super::loss_term::LossInput;
 use super::optimizer::{AdamConstants, Optimizer};
@@ -33,6 +33,7 @@ pub struct Trainer {
     pub(super) average: Average,
     pub(super) statistics: Gathered,
     pub(super) culling: Culling,
+    pub(super) waiting: Waiting,
     pub(super) step: usize,
     /// Gaussians at the start: where the line towards the budget begins.
     pub(super) initial: usize,
@@ -91,6 +92,7 @@ impl Trainer {
             average: Average::new(config.optim.average),
             statistics: Gathered::new(initial, runs_ahead),
             culling: Culling::new(config.speed.cull_visits),
+            waiting: Waiting::default(),
             step: 0,
             initial,
             extent: dataset.scene_extent(),
@@ -170,6 +172,10 @@ impl Trainer {
             *slot += now - clock;
             clock = now;
         };
+        if let Some(changes) = self.waiting.take(self.step, &self.config, self.initial) {
+            self.change(changes);
+        }
+        lap(&mut times.densify);
         let stage = Stage::at(step, &self.config);
         let sh_degree = stage.sh_degree(&self.config);
         let spec = &mut self.scene_mut().spec;
@@ -219,7 +225,6 @@ impl Trainer {
         let mut gradients = loss.backward();
         lap(&mut times.backward);
 
-        let due = due(stage, &self.config, self.initial);
         let logits = logits.inner();
         if stage.is_joint() && culled.is_none() && self.culling.is_on() {
             self.culling.note(frame.time, &to_vec(logits.clone()));
@@ -243,14 +248,8 @@ impl Trainer {
             }
         }
         lap(&mut times.adam);
-        if due != Due::default() {
-            self.densify(due);
-        }
-        let sort_every = self.config.speed.sort_every;
-        if sort_every > 0 && (step + 1).is_multiple_of(sort_every) {
-            self.sort();
-        }
         self.step += 1;
+        self.waiting.after_step();
         if self.step == self.config.stages.warmup_steps && self.config.stages.joint_steps > 0 {
             self.average.clear();
         }
@@ -262,12 +261,25 @@ impl Trainer {
         Ok(StepReport { step, stage: stage.name(), loss, psnr, primitives, times })
     }
 
-    fn densify(&mut self, due: Due) {
+    /// Applies what was due after the last step.
+    fn change(&mut self, changes: Changes) {
+        let Changes { step, due, sort } = changes;
+        let cleared = due != Due::default() && self.densify(step, due);
+        if sort {
+            self.sort();
+        }
+        if cleared && let Some(scene) = &self.scene {
+            self.average.look(self.step, scene);
+        }
+    }
+
+    /// Adds, removes and resets what was due after `step`. Returns whether the moving average starts over.
+    fn densify(&mut self, step: usize, due: Due) -> bool {
         let host = self.scene().gaussians.to_host();
         let statistics = self.statistics.to_host();
         let HostGaussians { opacity_logits, log_scales, .. } = &host;
-        let rows = densify::plan(self.step, due, &statistics, opacity_logits, log_scales, &self.config, self.extent);
-        let mut new = densify::apply(&rows, &host, self.config.seed, self.step);
+        let rows = densify::plan(step, due, &statistics, opacity_logits, log_scales, &self.config, self.extent);
+        let mut new = densify::apply(&rows, &host, self.config.seed, step);
         self.move_moments(&rows, &host);
         if due.reset {
             let ceiling = logit(0.01);
@@ -276,10 +288,12 @@ impl Trainer {
         }
         self.statistics.replace(|old| old.renewed(&rows, due));
         let same = rows.len() == host.len() && rows.iter().zip(0..).all(|(row, i)| *row == densify::Row::Keep(i));
-        if !same || due.reset {
+        let cleared = !same || due.reset;
+        if cleared {
             self.average.clear();
         }
         self.replace_gaussians(new);
+        cleared
     }
 
     /// Sorts the Gaussians, with everything kept about each, along a space-filling curve.

@@ -15,7 +15,7 @@ use crate::train::budget::{Views, check_memory};
 use crate::train::check::{Background, check_device, parse_background};
 use crate::train::checkpoint::CheckpointError;
 use crate::train::densify::{self, Row, Statistics};
-use crate::train::due::{Due, due};
+use crate::train::due::{Changes, Due, Waiting};
 use crate::train::gather::{Gathered, View};
 use crate::train::optimizer::{AdamConstants, Optimizer};
 use crate::train::schedule::{self, Stage};
@@ -43,6 +43,7 @@ pub(super) struct Fit {
     /// Sums of the absolute gradients with respect to peak times `[N]`, if they are needed.
     by_time: Option<Tensor<1>>,
     neighbours: Option<Neighbours>,
+    waiting: Waiting,
     step: usize,
     initial: usize,
     extent: f64,
@@ -76,6 +77,7 @@ impl Fit {
             statistics: Gathered::new(n, runs_ahead),
             by_time: None,
             neighbours: None,
+            waiting: Waiting::default(),
             step: 0,
             initial: n,
             extent: dataset.scene_extent(),
@@ -141,14 +143,26 @@ impl Fit {
         statistics
     }
 
-    fn densify(&mut self, due: Due) {
+    /// Applies what was due after the last step.
+    fn change(&mut self, changes: Changes) {
+        let Changes { step, due, sort } = changes;
+        if due != Due::default() {
+            self.densify(step, due);
+        }
+        if sort {
+            self.sort(step);
+        }
+    }
+
+    /// Adds, removes and resets what was due after `step`.
+    fn densify(&mut self, step: usize, due: Due) {
         let host = self.scene.parameters();
         let values = |name: &str| host.get(name).map_or(&[][..], |t| &t.values);
         let in_space = values("gaussians.log_scales").chunks_exact(4).flat_map(|s| &s[..3]).copied();
         let in_space: Vec<f32> = in_space.collect();
         let logits = values("gaussians.opacity_logits");
-        let rows = densify::plan(self.step, due, &self.combined(), logits, &in_space, &self.config, self.extent);
-        self.rearrange(&rows, &host);
+        let rows = densify::plan(step, due, &self.combined(), logits, &in_space, &self.config, self.extent);
+        self.rearrange(step, &rows, &host);
         if due.reset {
             let mut parameters = self.scene.parameters();
             if let Some(logits) = parameters.get_mut("gaussians.opacity_logits") {
@@ -162,10 +176,10 @@ impl Fit {
     }
 
     /// Sorts the Gaussians along a space-filling curve, with everything stored per Gaussian.
-    fn sort(&mut self) {
+    fn sort(&mut self, step: usize) {
         let host = self.scene.parameters();
         let rows = spatial::curve_order(host.get("gaussians.means").map_or(&[], |t| &t.values));
-        self.rearrange(&rows, &host);
+        self.rearrange(step, &rows, &host);
         self.statistics.replace(|old| old.rearranged(&rows));
         self.by_time = self.by_time.take().map(|sums| {
             let values = densify::gather(&to_vec(sums.clone()), &rows, 1);
@@ -173,9 +187,9 @@ impl Fit {
         });
     }
 
-    /// Replaces the Gaussians and their moments by those of `rows`.
-    fn rearrange(&mut self, rows: &[Row], host: &BTreeMap<String, HostTensor>) {
-        let rng = Rng::new(self.config.seed, self.step as u64, Purpose::Split);
+    /// Replaces the Gaussians and their moments by those of `rows`, determined after `step`.
+    fn rearrange(&mut self, step: usize, rows: &[Row], host: &BTreeMap<String, HostTensor>) {
+        let rng = Rng::new(self.config.seed, step as u64, Purpose::Split);
         let new = rows::apply(rows, host, rng, &self.device.clone().inner());
         for (name, tensor) in host {
             let width = rows::width(tensor);
@@ -202,6 +216,10 @@ impl Training for Fit {
             *slot += now - clock;
             clock = now;
         };
+        if let Some(changes) = self.waiting.take(step, &self.config, self.initial) {
+            self.change(changes);
+        }
+        lap(&mut times.densify);
         let stage = Stage::at(step, &self.config);
         self.raise_degrees(stage);
         let view = schedule::view(&self.config, step, split.frames.len());
@@ -252,16 +270,8 @@ impl Training for Fit {
             }
         }
         lap(&mut times.adam);
-        let due = due(stage, &self.config, self.initial);
-        if due != Due::default() {
-            self.densify(due);
-        }
-        let sort_every = self.config.speed.sort_every;
-        if sort_every > 0 && (step + 1).is_multiple_of(sort_every) {
-            self.sort();
-        }
-        lap(&mut times.densify);
         self.step += 1;
+        self.waiting.after_step();
         let ((loss, psnr), primitives) = (self.watch.last(), self.scene.gaussians().count());
         Ok(StepReport { step, stage: "train", loss, psnr, primitives, times })
     }
@@ -274,6 +284,7 @@ impl Training for Fit {
         let mut tensors = self.optimizer.to_tensors();
         tensors.extend(self.statistics.to_host().into_tensors());
         tensors.extend(self.neighbours.iter().flat_map(Neighbours::to_tensors));
+        tensors.extend(self.waiting.to_tensors());
         if let Some(sums) = &self.by_time {
             let values = to_vec(sums.clone());
             tensors.insert(BY_TIME.to_owned(), HostTensor { shape: vec![values.len()], values });
@@ -295,6 +306,7 @@ impl Training for Fit {
         self.optimizer.load(&from.state, &params::sizes(&scene.module), &inner).map_err(bad)?;
         self.statistics.replace(|_| statistics);
         (self.scene, self.neighbours) = (scene, neighbours);
+        self.waiting = Waiting::load(&from.state);
         (self.step, self.initial) = (from.step, from.first_primitives);
         Ok(())
     }
