@@ -8,7 +8,7 @@
 
 use super::contacts::Contacts;
 use super::pieces::{Touch, pieces};
-use super::samples::{SAMPLES, Sample, thinning};
+use super::samples::{Large, SAMPLES, Sample, large_pieces};
 use super::surface_layers;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
@@ -34,7 +34,8 @@ const MIXED: f64 = 0.5;
 /// Joins surface layers to what they cover: `labels` `[M]` from 1, the materials of the Gaussians `shown` (`[M]`,
 /// indices into `at`, all finite), are replaced by those of the bodies, each the material of its piece of highest
 /// opacity. Bodies of the same two materials in about equal parts get one material, the one with more opacity over all
-/// of them. Materials with pieces of many Gaussians are judged in `samples` of the scene.
+/// of them. Pieces of many Gaussians are judged in `samples` of the scene, one material after the other, the one with
+/// the lowest label first.
 ///
 /// # Errors
 /// If the arrays of `at` disagree, or points are too far apart.
@@ -44,41 +45,59 @@ const MIXED: f64 = 0.5;
 pub fn join_surface_layers(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Result<(), PointsError> {
     let before = labels.to_vec();
     let materials: BTreeSet<u32> = before.iter().copied().filter(|label| *label > 0).collect();
-    let thinned = materials.iter().map(|&m| thinning(at, shown, &before, m)).collect::<Result<Vec<f64>, _>>()?;
-    if thinned.contains(&1.0) {
-        join(at, shown, labels)?;
+    let mut large = Vec::new();
+    for material in materials {
+        large.extend(large_pieces(at, shown, &before, material)?.map(|large| (material, large)));
     }
-    for (material, thinning) in materials.into_iter().zip(thinned).filter(|(_, thinning)| *thinning > 1.0) {
-        join_by_samples(at, shown, (&before, labels), material, thinning)?;
+    join(at, shown, labels)?;
+    large.iter().flat_map(|(_, large)| &large.rows).for_each(|&n| labels[n] = before[n]);
+    // each sees what those before it have joined, so that two materials of one body do not change places
+    for (material, large) in &large {
+        join_by_samples(at, shown, (&before, labels), *material, large)?;
     }
     Ok(())
 }
 
-/// Joins the Gaussians of one material, whose labels were `before`, to what most samples join them to.
+/// Joins `large` pieces of a material to what most samples join them to, and with them the Gaussians of other materials
+/// that have joined these. If nearly all of the material joins something, the rest of it follows. `own` `[M]` holds the
+/// material of each Gaussian before anything was joined.
 fn join_by_samples(
     at: &HostGaussians,
     shown: &[u32],
-    (before, labels): (&[u32], &mut [u32]),
+    (own, labels): (&[u32], &mut [u32]),
     material: u32,
-    thinning: f64,
+    large: &Large,
 ) -> Result<(), PointsError> {
-    let of_it: Vec<usize> = (0..shown.len()).filter(|&n| before[n] == material).collect();
-    let mut votes = vec![[material; SAMPLES]; of_it.len()];
+    let before = labels.to_vec();
+    let mut votes = vec![[material; SAMPLES]; large.rows.len()];
     for number in 0..SAMPLES {
-        let sample = Sample::of(at, shown, thinning, number);
+        let sample = Sample::of(at, shown, large.thinning, number);
         let all: Vec<u32> = (0..sample.rows.len() as u32).collect();
         let mut joined: Vec<u32> = sample.rows.iter().map(|&n| before[n]).collect();
         join(&sample.at, &all, &mut joined)?;
         let of_sample = sample.rows.iter().zip(&joined).filter(|(n, _)| before[**n] == material);
         let known: Vec<(u32, u32)> = of_sample.map(|(&n, &label)| (shown[n], label)).collect();
         let nearest = label_of_nearest(at, &known)?;
-        votes.par_iter_mut().zip(&of_it).for_each(|(votes, &n)| {
+        votes.par_iter_mut().zip(&large.rows).for_each(|(votes, &n)| {
             votes[number] = nearest(shown[n]).unwrap_or(material);
         });
     }
-    for (votes, n) in votes.into_iter().zip(of_it) {
+    for (votes, &n) in votes.into_iter().zip(&large.rows) {
         let count = |label: &u32| votes.iter().filter(|v| *v == label).count();
         labels[n] = votes.iter().copied().find(|v| 2 * count(v) > SAMPLES).unwrap_or(material);
+    }
+    let with_label = || (0..shown.len()).filter(|&n| before[n] == material);
+    let opacity = |n: usize| f64::from(at.opacity_of(shown[n] as usize));
+    let moved: Vec<usize> = with_label().filter(|&n| labels[n] != material).collect();
+    if moved.is_empty() {
+        return Ok(());
+    }
+    let all_follow = moved.iter().map(|&n| opacity(n)).sum::<f64>() >= ALL * with_label().map(opacity).sum::<f64>();
+    let known: Vec<(u32, u32)> = large.rows.iter().map(|&n| (shown[n], labels[n])).collect();
+    let nearest = label_of_nearest(at, &known)?;
+    let is_large: BTreeSet<usize> = large.rows.iter().copied().collect();
+    for n in with_label().filter(|n| !is_large.contains(n) && (own[*n] != material || all_follow)) {
+        labels[n] = nearest(shown[n]).unwrap_or(material);
     }
     Ok(())
 }
@@ -129,12 +148,16 @@ fn join_pieces(
         }
     }
     for (&material, &whole) in &pieces.of_material {
-        let of_it = || (0..labels.len()).filter(|&n| before[n] == material);
-        let (moved, left): (Vec<usize>, Vec<usize>) = of_it().partition(|&n| labels[n] != material);
-        if left.is_empty() || moved.iter().map(|&n| opacity[n]).sum::<f64>() < ALL * whole {
+        let of_it: Vec<usize> = (0..labels.len()).filter(|&n| before[n] == material).collect();
+        let moved: f64 = of_it.iter().filter(|&&n| labels[n] != material).map(|&n| opacity[n]).sum();
+        if moved == 0.0 {
             continue;
         }
-        let known: Vec<(u32, u32)> = moved.iter().map(|&n| (shown[n], labels[n])).collect();
+        let all = moved >= ALL * whole;
+        // those in no piece, as they are faint, go along with what is around them
+        let follows = |n: &usize| labels[*n] == material && (all || pieces.labels[*n].is_none());
+        let (left, known): (Vec<usize>, Vec<usize>) = of_it.into_iter().partition(follows);
+        let known: Vec<(u32, u32)> = known.iter().map(|&n| (shown[n], labels[n])).collect();
         let nearest = label_of_nearest(at, &known)?;
         for n in left {
             labels[n] = nearest(shown[n]).unwrap_or(material);
@@ -237,108 +260,5 @@ fn mixed(parts: &BTreeMap<u32, f64>) -> Option<[u32; 2]> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::rng::{Purpose, Rng};
-    use crate::segment::balls::{add, on_threads};
-    use crate::segment::colour::fibonacci_sphere;
-
-    /// Adds a sphere of Gaussians whose neighbours are 0.083 radii apart, and returns the `label` of each.
-    fn sphere(to: &mut HostGaussians, x: f32, radius: f32, label: impl Fn(usize) -> u32) -> Vec<u32> {
-        let places = fibonacci_sphere(1800);
-        places.iter().for_each(|p| add(to, [x + radius * p[0], radius * p[1], radius * p[2]], [-3.0; 3]));
-        (0..places.len()).map(label).collect()
-    }
-
-    fn joined(at: &HostGaussians, labels: &[u32]) -> Vec<u32> {
-        let (all, mut out): (Vec<u32>, _) = ((0..at.len() as u32).collect(), labels.to_vec());
-        join_surface_layers(at, &all, &mut out).unwrap();
-        out
-    }
-
-    #[test]
-    fn a_surface_layer_joins_what_it_covers_and_the_rest_of_its_material_stays() {
-        let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-        // four ninths of the first sphere are of the material of the second, which is far away
-        let mut labels = sphere(&mut at, -3.0, 1.0, |i| if i % 9 < 5 { 1 } else { 2 });
-        labels.extend(sphere(&mut at, 3.0, 1.0, |_| 2));
-        let found = joined(&at, &labels);
-        assert!(found[..1800].iter().all(|l| *l == 1) && found[1800..].iter().all(|l| *l == 2));
-        assert_eq!(found, on_threads(1, || joined(&at, &labels)));
-        // the same if all of its material is surface layer, as both cover each other; a stray bit of it follows
-        let mut alone = at.subset(&(0..1800).collect::<Vec<u32>>());
-        add(&mut alone, [-3.0, 0.0, 1.5], [-3.0; 3]);
-        labels[1800] = 2;
-        assert!(joined(&alone, &labels[..1801]).iter().all(|l| *l == 1));
-    }
-
-    /// Adds a block of Gaussians 0.05 apart, each `material`.
-    fn block(to: &mut Vec<([f32; 3], u32)>, from: [i32; 3], size: [i32; 3], material: u32) {
-        for place in 0..size.iter().product() {
-            let at = [place % size[0], place / size[0] % size[1], place / (size[0] * size[1])];
-            to.push(([0, 1, 2].map(|a| 0.05 * (from[a] + at[a]) as f32), material));
-        }
-    }
-
-    #[test]
-    fn a_layer_several_gaussians_thick_joins_what_it_covers() {
-        let mut rows = Vec::new();
-        // a body, a layer on it, and another body of the layer's material that the layer runs into
-        block(&mut rows, [0, 0, 0], [40, 40, 8], 1);
-        block(&mut rows, [0, 0, 8], [40, 40, 2], 2);
-        block(&mut rows, [40, 0, 8], [40, 40, 16], 2);
-        Rng::new(0, 0, Purpose::Custom(0)).shuffle(&mut rows);
-        let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-        rows.iter().for_each(|(place, _)| add(&mut at, *place, [-3.3; 3]));
-        let labels: Vec<u32> = rows.iter().map(|row| row.1).collect();
-        let found = joined(&at, &labels);
-        let share = |found: &[u32], wanted: &dyn Fn([f32; 3]) -> bool, label: u32| {
-            let of_it: Vec<usize> = (0..rows.len()).filter(|&n| wanted(rows[n].0)).collect();
-            of_it.iter().filter(|&&n| found[n] == label).count() as f64 / of_it.len() as f64
-        };
-        let layer = |p: [f32; 3]| p[0] < 1.8 && p[2] > 0.38;
-        let others = [share(&found, &|p| p[2] < 0.38, 1), share(&found, &|p| p[0] > 2.2, 2)];
-        assert!(share(&found, &layer, 1) > 0.9 && others == [1.0; 2], "{} {others:?}", share(&found, &layer, 1));
-        assert_eq!(found, on_threads(1, || joined(&at, &labels)));
-        let (all, mut at_once): (Vec<u32>, _) = ((0..at.len() as u32).collect(), labels);
-        join(&at, &all, &mut at_once).unwrap();
-        assert!(share(&at_once, &layer, 2) > 0.9, "not without samples");
-    }
-
-    #[test]
-    fn bodies_of_the_same_two_materials_get_one_label() {
-        let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-        // two spheres are five ninths of the first material, the third is five ninths of the second and would get that
-        // label on its own
-        let mut labels = Vec::new();
-        for (x, more, less) in [(-3.0, 1, 2), (3.0, 1, 2), (9.0, 2, 1)] {
-            labels.extend(sphere(&mut at, x, 1.0, |i| if i % 9 < 5 { more } else { less }));
-        }
-        assert!(joined(&at, &labels).iter().all(|l| *l == 1));
-        // a sphere of one material alone does not take the label of the others
-        labels.extend(sphere(&mut at, 15.0, 1.0, |_| 2));
-        let found = joined(&at, &labels);
-        assert!(found[..5400].iter().all(|l| *l == 1) && found[5400..].iter().all(|l| *l == 2));
-    }
-
-    #[test]
-    fn shells_around_objects_and_patches_on_them_stay() {
-        let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-        // a core, a shell well away from it, and a sphere with one half painted
-        let mut labels = sphere(&mut at, 0.0, 1.0, |_| 1);
-        labels.extend(sphere(&mut at, 0.0, 1.3, |_| 2));
-        labels.extend(sphere(&mut at, 5.0, 1.0, |i| if i < 900 { 3 } else { 4 }));
-        assert_eq!(joined(&at, &labels), labels);
-    }
-
-    #[test]
-    fn gaussians_without_material_stay_and_invisible_ones_follow() {
-        let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-        let mut labels = sphere(&mut at, 0.0, 1.0, |i| if i % 9 < 5 { 1 } else { 2 });
-        (labels[3], at.opacity_logits[8]) = (0, -9.0);
-        let found = joined(&at, &labels);
-        assert_eq!((found[3], found[8], found[14]), (0, 1, 1));
-        assert_eq!(joined(&at.subset(&[]), &[]), [0u32; 0]);
-        assert_eq!(joined(&at.subset(&[4]), &[7]), [7]);
-    }
-}
+#[path = "bodies_tests.rs"]
+mod tests;

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::model::sh::C0;
+use crate::segment::balls::add;
 
 /// A red and a blue ball, a red stray in the blue one, and a transparent haze.
 fn two_balls() -> (HostGaussians, Vec<u32>) {
@@ -113,9 +114,40 @@ fn empty_and_non_finite_inputs_are_accepted() {
     let out = coarse(&g, None, &CoarseOptions::default()).unwrap();
     assert_eq!((out.labels[0], out.labels[6]), (0, 0));
     let none = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-    let out = coarse(&none, None, &CoarseOptions { clusters: Some(3), ..CoarseOptions::default() });
-    assert!(out.is_err() || out.unwrap().palette.is_empty());
+    for clusters in [None, Some(3)] {
+        let out = coarse(&none, None, &CoarseOptions { clusters, ..CoarseOptions::default() }).unwrap();
+        assert!(out.palette.is_empty() && out.labels.is_empty());
+    }
     assert!(coarse(&g, None, &CoarseOptions { clusters: Some(0), ..CoarseOptions::default() }).is_err());
+}
+
+#[test]
+fn a_surface_layer_joins_its_body_with_what_is_visible_later_unless_it_is_to_be_kept() {
+    let mut g = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
+    let mut sphere = |x: f32, radius: f32, colour: [f32; 3], logit: f32| {
+        for place in fibonacci_sphere(1800) {
+            add(&mut g, [x + radius * place[0], radius * place[1], radius * place[2]], [-2.6; 3]);
+        }
+        let first = g.len() - 1800;
+        g.opacity_logits[first..].fill(logit);
+        g.sh[3 * first..].chunks_exact_mut(3).for_each(|sh| sh.copy_from_slice(&colour.map(|c| (c - 0.5) / C0)));
+    };
+    let (red, blue) = ([0.9, 0.1, 0.1], [0.1, 0.2, 0.9]);
+    sphere(-3.0, 1.0, red, 3.0);
+    sphere(-3.0, 1.1, blue, 2.0);
+    sphere(3.0, 1.0, blue, 2.0);
+    sphere(-3.0, 1.15, blue, -9.0); // visible later
+    let later: Vec<f32> = (0..g.len()).map(|i| if i < 5400 { 0.0 } else { 0.5 }).collect();
+    let labels = |keep_surface_layers: bool| {
+        let options = CoarseOptions { keep_surface_layers, ..CoarseOptions::default() };
+        let out = coarse(&g, Some(&later), &options).unwrap();
+        let of = |sphere: usize| out.labels[1800 * sphere..][..1800].to_vec();
+        let all_of = [0, 1, 2, 3].map(|sphere| of(sphere)[0]);
+        (0..4).for_each(|sphere| assert_eq!(of(sphere), [all_of[sphere]; 1800], "sphere {sphere}"));
+        all_of.map(|label| out.palette[label as usize - 1].name.clone())
+    };
+    assert_eq!(labels(true), ["red", "blue", "blue", "blue"]);
+    assert_eq!(labels(false), ["red", "red", "blue", "red"]);
 }
 
 #[test]

@@ -40,7 +40,11 @@ pub fn pieces(at: &HostGaussians, members: &[u32], touch: Touch) -> Result<Compo
     };
     let mut radii = largest_scales(&rows(&at.log_scales))?;
     let opacity: Vec<f32> = members.iter().map(|&i| at.opacity_of(i as usize)).collect();
-    radii.iter_mut().zip(&opacity).filter(|(_, o)| **o < touch.min_opacity).for_each(|(radius, _)| *radius = 0.0);
+    radii
+        .iter_mut()
+        .zip(&opacity)
+        .filter(|(_, o)| o.is_nan() || **o < touch.min_opacity)
+        .for_each(|(radius, _)| *radius = 0.0);
     components_touching(&rows(&at.means), &radii, touch.reach, &opacity, &ComponentFilter::default())
 }
 
@@ -113,6 +117,11 @@ mod tests {
         let parted = pieces(&at, &all, Touch::SEEN).unwrap().labels;
         assert_eq!((parted[15], parted[12] == parted[18]), (0, false), "invisible Gaussians connect nothing");
         assert_eq!(pieces(&at, &all, Touch::ALL).unwrap().labels[..30], [1; 30]);
+        at.opacity_logits[..2].fill(f32::NAN);
+        let without = pieces(&at, &all, Touch::SEEN).unwrap().labels;
+        assert_eq!((without[0], without[1], without[2]), (0, 0, without[3]), "nor do those without an opacity");
+        assert!(without[2] > 0);
+        at.opacity_logits[..2].fill(1.0);
         at.means[3] = f32::NAN;
         assert!(!without_strays(&at, &all, None).unwrap().contains(&1));
     }

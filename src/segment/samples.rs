@@ -2,7 +2,7 @@
 //!
 //! Whether a layer is in contact with what it covers, and how much of it is edge, depends on how many Gaussians thick
 //! it is, as each is compared with the same number of neighbours. The limits in `bodies` and `surface_layers` were
-//! found on pieces of about [`KNOWN`] Gaussians. A material with far larger pieces is therefore judged in samples of
+//! found on pieces of about [`KNOWN`] Gaussians. The far larger pieces of a material are therefore judged in samples of
 //! the scene in which they are of that size, and in which each Gaussian is enlarged by as much as they are farther
 //! apart in a volume, the cube root of the thinning; in a sheet one Gaussian thick, distances grow by its square root,
 //! so that contacts are lost. Materials differ in their sizes: beside shells of many thousand Gaussians there may be
@@ -21,21 +21,37 @@ const FAR_MORE: f64 = 2.0;
 /// Samples that vote. In a single one, what is near a limit may fall on either side of it by chance.
 pub(super) const SAMPLES: usize = 5;
 
-/// Returns how many times fewer Gaussians there must be for the pieces of `material` to have [`KNOWN`] Gaussians; 1 if
-/// they do not have far more. `shown` `[M]` are indices into `at`, and `labels` `[M]` the materials.
+/// The pieces of a material that are judged in samples.
+pub(super) struct Large {
+    /// Their Gaussians, rows of `shown`, ascending.
+    pub rows: Vec<usize>,
+    /// How many times fewer Gaussians there must be for these pieces to have [`KNOWN`].
+    pub thinning: f64,
+}
+
+/// Returns the pieces of `material` that have far more than [`KNOWN`] Gaussians; `None` if there are none. `shown`
+/// `[M]` are indices into `at`, and `labels` `[M]` the materials.
 ///
 /// # Errors
 /// If the arrays of `at` disagree, or points are too far apart.
 ///
 /// # Panics
 /// If an index is not below N.
-pub(super) fn thinning(at: &HostGaussians, shown: &[u32], labels: &[u32], material: u32) -> Result<f64, PointsError> {
-    let members: Vec<u32> = shown.iter().zip(labels).filter(|(_, l)| **l == material).map(|(i, _)| *i).collect();
-    let sizes = pieces(at, &members, Touch::SEEN)?.counts.into_iter().map(f64::from);
-    // the size of the piece that a Gaussian is in, on average
-    let (total, squares) = sizes.fold((0.0, 0.0), |(total, squares), n| (total + n, squares + n * n));
-    let typical = squares / f64::max(total, 1.0);
-    Ok(if typical > FAR_MORE * KNOWN { typical / KNOWN } else { 1.0 })
+pub(super) fn large_pieces(
+    at: &HostGaussians,
+    shown: &[u32],
+    labels: &[u32],
+    material: u32,
+) -> Result<Option<Large>, PointsError> {
+    let members: Vec<usize> = (0..shown.len()).filter(|&n| labels[n] == material).collect();
+    let found = pieces(at, &members.iter().map(|&n| shown[n]).collect::<Vec<u32>>(), Touch::SEEN)?;
+    let size_of = |label: u32| label.checked_sub(1).map_or(0.0, |piece| f64::from(found.counts[piece as usize]));
+    let is_large = |label: u32| size_of(label) > FAR_MORE * KNOWN;
+    let (rows, sizes): (Vec<usize>, Vec<f64>) =
+        members.iter().zip(&found.labels).filter(|(_, l)| is_large(**l)).map(|(&n, &l)| (n, size_of(l))).unzip();
+    // by the size of the piece that a Gaussian is in, on average
+    let thinning = sizes.iter().sum::<f64>() / sizes.len() as f64 / KNOWN;
+    Ok((!rows.is_empty()).then_some(Large { rows, thinning }))
 }
 
 /// A sample of M Gaussians.
@@ -83,10 +99,16 @@ mod tests {
     #[test]
     fn only_large_pieces_are_thinned_and_to_the_size_of_known_ones() {
         let (at, shown, labels) = row(6500);
-        let thinning_of = |material| thinning(&at, &shown, &labels, material).unwrap();
-        assert_eq!([thinning_of(1), thinning_of(2), thinning_of(3)], [5.0, 1.0, 1.0]);
+        let of = |material| large_pieces(&at, &shown, &labels, material).unwrap();
+        assert!(of(2).is_none() && of(3).is_none());
+        let large = of(1).unwrap();
+        assert_eq!((large.thinning, large.rows), (5.0, (0..6500).collect()));
+        // a small piece of the same material far from it
+        let one = vec![1; 6501];
+        let large = large_pieces(&at, &shown, &one, 1).unwrap().unwrap();
+        assert_eq!((large.thinning, large.rows.len()), (5.0, 6500));
         let (at, shown, labels) = row(2500);
-        assert_eq!(thinning(&at, &shown, &labels, 1).unwrap(), 1.0);
+        assert!(large_pieces(&at, &shown, &labels, 1).unwrap().is_none());
     }
 
     #[test]
