@@ -14,8 +14,9 @@ pub fn advice(config: &Config, views: usize) -> Vec<String> {
 
 fn late_additions(config: &Config) -> Option<String> {
     let (densify, joint_steps) = (&config.densify, config.stages.joint_steps);
-    let adds = densify.mode != DensifyMode::Off && densify.joint_from < joint_steps;
-    (adds && densify.joint_until >= joint_steps && config.optim.average > 0).then(|| {
+    // the last step of a run is followed by no addition
+    let adds = densify.mode != DensifyMode::Off && densify.joint_from + 1 < joint_steps;
+    (adds && densify.joint_until + 1 >= joint_steps && config.optim.average > 0).then(|| {
         let defaults = Config::default();
         format!(
             "densify.joint_until = {}: Gaussians are added until the run ends (stages.joint_steps = {joint_steps}), and as \

@@ -1,7 +1,7 @@
 //! When Gaussians are added, removed and reset: what is due after a step, determined by the step alone.
 //!
 //! It is applied when the next step begins. What follows a step, such as an evaluation, a checkpoint or the end of the
-//! run, thus sees Gaussians that have been trained together, not copies that still overlap or opacities just reset.
+//! run, thus sees Gaussians that have been trained since, not copies that still overlap or opacities just reset.
 
 use super::schedule::Stage;
 use crate::config::types::{Config, DensifyMode};
@@ -48,8 +48,7 @@ impl Waiting {
     /// Returns what is to be applied after `steps` steps of a run that started with `start` Gaussians, once.
     pub fn take(&mut self, steps: usize, config: &Config, start: usize) -> Option<Changes> {
         let step = std::mem::take(&mut self.0).then(|| steps.checked_sub(1))??;
-        let sort_every = config.speed.sort_every;
-        let sort = sort_every > 0 && steps.is_multiple_of(sort_every);
+        let sort = sorts_after(steps, config);
         let due = due(Stage::at(step, config), config, start);
         (due != Due::default() || sort).then_some(Changes { step, due, sort })
     }
@@ -64,6 +63,13 @@ impl Waiting {
     pub fn load(tensors: &BTreeMap<String, HostTensor>) -> Self {
         Self(tensors.contains_key(Self::NAME))
     }
+}
+
+/// Whether Gaussians are sorted after `steps` steps of the run; after the last step at once, as the rest would be only if
+/// the run went on.
+pub fn sorts_after(steps: usize, config: &Config) -> bool {
+    let every = config.speed.sort_every;
+    every > 0 && steps.is_multiple_of(every)
 }
 
 /// The steps of a stage, counted from 1, at which Gaussians may be added: after `from`, up to and including `until`.

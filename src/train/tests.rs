@@ -316,6 +316,8 @@ fn relocation_keeps_the_number_of_gaussians_on_the_line_and_resumes_bit_identica
     for step in 25..60 {
         let both = [&mut whole, &mut resumed].map(|trainer| trainer.step(&data.train).unwrap().primitives);
         assert!(step > 25 || both == [220, 220], "{both:?}");
+        // looked at after step 30, begun anew with the additions before step 31
+        assert_eq!(whole.average.scene().is_some(), [29, 39].contains(&step) || step >= 49, "{step}");
     }
     assert_eq!(whole.scene().gaussians.count(), 240);
     assert_eq!(params::collect(whole.scene()), params::collect(resumed.scene()));

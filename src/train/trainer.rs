@@ -1,11 +1,11 @@
-//! One training step at a time: view, forward, loss, backward, optimiser, densification.
+//! One training step at a time: what was due after the last, view, forward, loss, backward, optimiser.
 
 use super::average::Average;
 use super::budget::{Views, check_memory};
 use super::check::{Background, check, check_device, evaluation_background, parse_background};
 use super::culling::Culling;
 use super::densify;
-use super::due::{Changes, Due, Waiting};
+use super::due::{Changes, Due, Waiting, sorts_after};
 use super::gather::{Gathered, View};
 use super::loss_term::LossInput;
 use super::optimizer::{AdamConstants, Optimizer};
@@ -256,6 +256,9 @@ impl Trainer {
         if let Some(scene) = &self.scene {
             self.average.look(self.step, scene);
         }
+        if self.step == self.total_steps() && sorts_after(self.step, &self.config) {
+            self.sort();
+        }
         lap(&mut times.densify);
         let ((loss, psnr), primitives) = (self.watch.last(), self.scene().gaussians.count());
         Ok(StepReport { step, stage: stage.name(), loss, psnr, primitives, times })
@@ -264,17 +267,16 @@ impl Trainer {
     /// Applies what was due after the last step.
     fn change(&mut self, changes: Changes) {
         let Changes { step, due, sort } = changes;
-        let cleared = due != Due::default() && self.densify(step, due);
+        if due != Due::default() {
+            self.densify(step, due);
+        }
         if sort {
             self.sort();
         }
-        if cleared && let Some(scene) = &self.scene {
-            self.average.look(self.step, scene);
-        }
     }
 
-    /// Adds, removes and resets what was due after `step`. Returns whether the moving average starts over.
-    fn densify(&mut self, step: usize, due: Due) -> bool {
+    /// Adds, removes and resets what was due after `step`.
+    fn densify(&mut self, step: usize, due: Due) {
         let host = self.scene().gaussians.to_host();
         let statistics = self.statistics.to_host();
         let HostGaussians { opacity_logits, log_scales, .. } = &host;
@@ -288,12 +290,10 @@ impl Trainer {
         }
         self.statistics.replace(|old| old.renewed(&rows, due));
         let same = rows.len() == host.len() && rows.iter().zip(0..).all(|(row, i)| *row == densify::Row::Keep(i));
-        let cleared = !same || due.reset;
-        if cleared {
+        if !same || due.reset {
             self.average.clear();
         }
         self.replace_gaussians(new);
-        cleared
     }
 
     /// Sorts the Gaussians, with everything kept about each, along a space-filling curve.

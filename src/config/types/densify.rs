@@ -22,7 +22,7 @@ pub struct DensifyConfig {
     pub warmup_until: usize,
     /// Gaussians are added only after this joint step.
     pub joint_from: usize,
-    /// Last joint step at which Gaussians are added or removed.
+    /// Last joint step after which Gaussians are added or removed; none are after the last step of the run.
     pub joint_until: usize,
     /// Mean norm of the screen-space gradient (normalised device coordinates) above which `threshold` mode adds
     /// Gaussians.

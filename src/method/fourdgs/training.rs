@@ -15,7 +15,7 @@ use crate::train::budget::{Views, check_memory};
 use crate::train::check::{Background, check_device, parse_background};
 use crate::train::checkpoint::CheckpointError;
 use crate::train::densify::{self, Row, Statistics};
-use crate::train::due::{Changes, Due, Waiting};
+use crate::train::due::{Changes, Due, Waiting, sorts_after};
 use crate::train::gather::{Gathered, View};
 use crate::train::optimizer::{AdamConstants, Optimizer};
 use crate::train::schedule::{self, Stage};
@@ -272,6 +272,10 @@ impl Training for Fit {
         lap(&mut times.adam);
         self.step += 1;
         self.waiting.after_step();
+        if self.step == self.total_steps() && sorts_after(self.step, &self.config) {
+            self.sort(step);
+        }
+        lap(&mut times.densify);
         let ((loss, psnr), primitives) = (self.watch.last(), self.scene.gaussians().count());
         Ok(StepReport { step, stage: "train", loss, psnr, primitives, times })
     }

@@ -78,19 +78,21 @@ fn every_parameter_is_trained_and_gaussians_are_added_up_to_the_budget() {
 fn a_resumed_training_has_the_bits_of_one_that_was_not_stopped() {
     let (config, data, folder) = (config(&["densify.opacity_reset=15"]), data(), tempfile::tempdir().unwrap());
     let text = toml::to_string(&config).unwrap();
-    let mut whole = method::start(&config, &data, &device()).unwrap();
-    // between two neighbour searches, two densifications and two sorts
-    stepped(&mut *whole, &data, 23);
-    let (initial, dataset) = (whole.first_primitives(), data.fingerprint());
-    let state =
-        State { step: 23, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0, packed: false };
-    let path = checkpoint::save(folder.path(), &*whole, &state, 1).unwrap();
-    stepped(&mut *whole, &data, 30);
-    let mut resumed = method::start(&config, &data, &device()).unwrap();
-    checkpoint::restore(&path, &mut *resumed, &text, &dataset).unwrap();
-    stepped(&mut *resumed, &data, 30);
-    assert_eq!(parameters(&*resumed), parameters(&*whole));
-    assert_eq!(resumed.state(), whole.state());
+    // with additions and a reset to come, with a sort to come, and between two of each and two neighbour searches
+    for step in [15, 22, 23] {
+        let mut whole = method::start(&config, &data, &device()).unwrap();
+        stepped(&mut *whole, &data, step);
+        let (initial, dataset) = (whole.first_primitives(), data.fingerprint());
+        let state =
+            State { step, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0, packed: false };
+        let path = checkpoint::save(folder.path(), &*whole, &state, 1).unwrap();
+        stepped(&mut *whole, &data, 30);
+        let mut resumed = method::start(&config, &data, &device()).unwrap();
+        checkpoint::restore(&path, &mut *resumed, &text, &dataset).unwrap();
+        stepped(&mut *resumed, &data, 30);
+        assert_eq!(parameters(&*resumed), parameters(&*whole), "{step}");
+        assert_eq!(resumed.state(), whole.state(), "{step}");
+    }
 }
 
 #[test]
