@@ -8,7 +8,7 @@
 
 use super::contacts::Contacts;
 use super::pieces::{Touch, pieces};
-use super::samples::{Large, SAMPLES, Sample, large_pieces};
+use super::samples::{Large, SAMPLES, Sample, large};
 use super::surface_layers;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
@@ -34,8 +34,8 @@ const MIXED: f64 = 0.5;
 /// Joins surface layers to what they cover: `labels` `[M]` from 1, the materials of the Gaussians `shown` (`[M]`,
 /// indices into `at`, all finite), are replaced by those of the bodies, each the material of its piece of highest
 /// opacity. Bodies of the same two materials in about equal parts get one material, the one with more opacity over all
-/// of them. Pieces of many Gaussians are judged in `samples` of the scene, one material after the other, the one with
-/// the lowest label first.
+/// of them. Materials with pieces of many Gaussians are judged in `samples` of the scene, one after the other, the one
+/// with the lowest label first; Gaussians of other materials that have joined them go along.
 ///
 /// # Errors
 /// If the arrays of `at` disagree, or points are too far apart.
@@ -43,39 +43,44 @@ const MIXED: f64 = 0.5;
 /// # Panics
 /// If an index is not below N.
 pub fn join_surface_layers(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Result<(), PointsError> {
-    let before = labels.to_vec();
-    let materials: BTreeSet<u32> = before.iter().copied().filter(|label| *label > 0).collect();
-    let mut large = Vec::new();
+    let own = labels.to_vec();
+    let materials: BTreeSet<u32> = own.iter().copied().filter(|label| *label > 0).collect();
+    let mut all_large = Vec::new();
     for material in materials {
-        large.extend(large_pieces(at, shown, &before, material)?.map(|large| (material, large)));
+        all_large.extend(large(at, shown, &own, material)?);
     }
-    join(at, shown, labels)?;
-    large.iter().flat_map(|(_, large)| &large.rows).for_each(|&n| labels[n] = before[n]);
+    let mut fixed = vec![false; shown.len()];
+    all_large.iter().flat_map(|large| &large.rows).for_each(|&n| fixed[n] = true);
+    join(at, shown, labels, &fixed)?;
     // each sees what those before it have joined, so that two materials of one body do not change places
-    for (material, large) in &large {
-        join_by_samples(at, shown, (&before, labels), *material, large)?;
+    for large in &all_large {
+        let before = labels.to_vec();
+        let guests: Vec<usize> =
+            (0..shown.len()).filter(|&n| labels[n] == large.material && own[n] != large.material).collect();
+        vote(at, shown, (&before, labels), large)?;
+        if !guests.is_empty() {
+            relabel(at, shown, labels, &large.rows, &guests)?;
+        }
     }
     Ok(())
 }
 
-/// Joins `large` pieces of a material to what most samples join them to, and with them the Gaussians of other materials
-/// that have joined these. If nearly all of the material joins something, the rest of it follows. `own` `[M]` holds the
-/// material of each Gaussian before anything was joined.
-fn join_by_samples(
+/// Joins the Gaussians of a `large` material to what most samples join them to; `before` `[M]` are the labels in all
+/// samples.
+fn vote(
     at: &HostGaussians,
     shown: &[u32],
-    (own, labels): (&[u32], &mut [u32]),
-    material: u32,
+    (before, labels): (&[u32], &mut [u32]),
     large: &Large,
 ) -> Result<(), PointsError> {
-    let before = labels.to_vec();
+    let material = large.material;
     let mut votes = vec![[material; SAMPLES]; large.rows.len()];
     for number in 0..SAMPLES {
-        let sample = Sample::of(at, shown, large.thinning, number);
+        let sample = Sample::of(at, shown, large, number)?;
         let all: Vec<u32> = (0..sample.rows.len() as u32).collect();
         let mut joined: Vec<u32> = sample.rows.iter().map(|&n| before[n]).collect();
-        join(&sample.at, &all, &mut joined)?;
-        let of_sample = sample.rows.iter().zip(&joined).filter(|(n, _)| before[**n] == material);
+        join(&sample.at, &all, &mut joined, &vec![false; all.len()])?;
+        let of_sample = sample.rows.iter().zip(&joined).filter(|(n, _)| large.holds(**n));
         let known: Vec<(u32, u32)> = of_sample.map(|(&n, &label)| (shown[n], label)).collect();
         let nearest = label_of_nearest(at, &known)?;
         votes.par_iter_mut().zip(&large.rows).for_each(|(votes, &n)| {
@@ -86,29 +91,33 @@ fn join_by_samples(
         let count = |label: &u32| votes.iter().filter(|v| *v == label).count();
         labels[n] = votes.iter().copied().find(|v| 2 * count(v) > SAMPLES).unwrap_or(material);
     }
-    let with_label = || (0..shown.len()).filter(|&n| before[n] == material);
-    let opacity = |n: usize| f64::from(at.opacity_of(shown[n] as usize));
-    let moved: Vec<usize> = with_label().filter(|&n| labels[n] != material).collect();
-    if moved.is_empty() {
-        return Ok(());
-    }
-    let all_follow = moved.iter().map(|&n| opacity(n)).sum::<f64>() >= ALL * with_label().map(opacity).sum::<f64>();
-    let known: Vec<(u32, u32)> = large.rows.iter().map(|&n| (shown[n], labels[n])).collect();
+    Ok(())
+}
+
+/// Gives each of the Gaussians `rows` the label of the nearest of those `known`, both rows of `shown`.
+fn relabel(
+    at: &HostGaussians,
+    shown: &[u32],
+    labels: &mut [u32],
+    known: &[usize],
+    rows: &[usize],
+) -> Result<(), PointsError> {
+    let known: Vec<(u32, u32)> = known.iter().map(|&n| (shown[n], labels[n])).collect();
     let nearest = label_of_nearest(at, &known)?;
-    let is_large: BTreeSet<usize> = large.rows.iter().copied().collect();
-    for n in with_label().filter(|n| !is_large.contains(n) && (own[*n] != material || all_follow)) {
-        labels[n] = nearest(shown[n]).unwrap_or(material);
+    for &n in rows {
+        labels[n] = nearest(shown[n]).unwrap_or(labels[n]);
     }
     Ok(())
 }
 
-fn join(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Result<(), PointsError> {
+/// Joins surface layers at the density of the scene; the `fixed` `[M]` keep their labels.
+fn join(at: &HostGaussians, shown: &[u32], labels: &mut [u32], fixed: &[bool]) -> Result<(), PointsError> {
     let opacity: Vec<f64> = shown.iter().map(|&i| f64::from(at.opacity_of(i as usize))).collect();
     let contacts = Contacts::among(at, shown)?;
-    join_pieces(at, shown, (&contacts, &opacity), labels)?;
-    surface_layers::join(&contacts, &opacity, labels)?;
+    join_pieces(at, shown, (&contacts, &opacity), labels, fixed)?;
+    surface_layers::join(&contacts, &opacity, labels, fixed)?;
     // what lay outside of such a layer is left as pieces
-    join_pieces(at, shown, (&contacts, &opacity), labels)
+    join_pieces(at, shown, (&contacts, &opacity), labels, fixed)
 }
 
 /// Joins connected pieces that are surface layers as a whole.
@@ -117,8 +126,9 @@ fn join_pieces(
     shown: &[u32],
     (contacts, opacity): (&Contacts, &[f64]),
     labels: &mut [u32],
+    fixed: &[bool],
 ) -> Result<(), PointsError> {
-    let pieces = Pieces::of(at, shown, labels, opacity)?;
+    let pieces = Pieces::of(at, shown, labels, (opacity, fixed))?;
     let contacts = pieces.contacts(contacts, opacity);
     let touching = |from: usize, to: usize| contacts.get(&(from, to)).map_or(0.0, |w| w / pieces.weights[from]);
     // the body that each piece covers: the one of highest opacity among those that qualify
@@ -126,7 +136,10 @@ fn join_pieces(
     for &(skin, body) in contacts.keys() {
         let less = (pieces.weights[skin], skin) < (pieces.weights[body], body);
         let alone = pieces.weights[skin] <= MINOR * pieces.of_material[&pieces.materials[skin]];
-        let is_skin = less && touching(skin, body) >= CONTACT && (alone || touching(body, skin) >= CONTACT);
+        let is_skin = less
+            && !pieces.fixed[skin]
+            && touching(skin, body) >= CONTACT
+            && (alone || touching(body, skin) >= CONTACT);
         let better = |other: usize| (pieces.weights[other], other) < (pieces.weights[body], body);
         if is_skin && covers[skin].is_none_or(better) {
             covers[skin] = Some(body);
@@ -155,12 +168,10 @@ fn join_pieces(
         }
         let all = moved >= ALL * whole;
         // those in no piece, as they are faint, go along with what is around them
-        let follows = |n: &usize| labels[*n] == material && (all || pieces.labels[*n].is_none());
+        let follows = |n: &usize| labels[*n] == material && !fixed[*n] && (all || pieces.labels[*n].is_none());
         let (left, known): (Vec<usize>, Vec<usize>) = of_it.into_iter().partition(follows);
-        let known: Vec<(u32, u32)> = known.iter().map(|&n| (shown[n], labels[n])).collect();
-        let nearest = label_of_nearest(at, &known)?;
-        for n in left {
-            labels[n] = nearest(shown[n]).unwrap_or(material);
+        if !left.is_empty() {
+            relabel(at, shown, labels, &known, &left)?;
         }
     }
     Ok(())
@@ -188,16 +199,24 @@ struct Pieces {
     materials: Vec<u32>,
     /// `[P]`: the total opacity of each piece.
     weights: Vec<f64>,
+    /// `[P]`: whether its Gaussians keep their labels.
+    fixed: Vec<bool>,
     /// The total opacity of each material.
     of_material: BTreeMap<u32, f64>,
 }
 
 impl Pieces {
-    fn of(at: &HostGaussians, shown: &[u32], materials: &[u32], opacity: &[f64]) -> Result<Self, PointsError> {
+    fn of(
+        at: &HostGaussians,
+        shown: &[u32],
+        materials: &[u32],
+        (opacity, fixed): (&[f64], &[bool]),
+    ) -> Result<Self, PointsError> {
         let mut out = Self {
             labels: vec![None; shown.len()],
             materials: Vec::new(),
             weights: Vec::new(),
+            fixed: Vec::new(),
             of_material: BTreeMap::new(),
         };
         for material in 1..=materials.iter().copied().max().unwrap_or(0) {
@@ -205,8 +224,12 @@ impl Pieces {
             let members: Vec<u32> = rows.iter().map(|&n| shown[n]).collect();
             let found = pieces(at, &members, Touch::SEEN)?;
             let first = out.weights.len();
+            out.fixed.resize(first + found.weights.len(), false);
             for (&n, &label) in rows.iter().zip(&found.labels) {
                 out.labels[n] = label.checked_sub(1).map(|p| first + p as usize);
+                if let Some(piece) = out.labels[n] {
+                    out.fixed[piece] |= fixed[n];
+                }
             }
             out.materials.extend(found.weights.iter().map(|_| material));
             out.weights.extend(&found.weights);
@@ -222,8 +245,11 @@ impl Pieces {
         for (piece, &body) in bodies.iter().enumerate() {
             *parts.entry(body).or_default().entry(self.materials[piece]).or_default() += self.weights[piece];
         }
-        let pairs: BTreeMap<usize, [u32; 2]> =
-            parts.iter().filter_map(|(&body, parts)| Some((body, mixed(parts)?))).collect();
+        let pairs: BTreeMap<usize, [u32; 2]> = parts
+            .iter()
+            .filter(|(body, _)| !self.fixed[**body])
+            .filter_map(|(&body, p)| Some((body, mixed(p)?)))
+            .collect();
         // opacity of both materials of a pair, over all bodies of that pair
         let mut together: BTreeMap<[u32; 2], [f64; 2]> = BTreeMap::new();
         for (body, pair) in &pairs {

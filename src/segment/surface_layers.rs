@@ -23,11 +23,16 @@ const SMALL: f64 = 0.02;
 const LARGE: f64 = 0.7;
 
 /// Gives layers the material of what they cover. `labels` `[M]`, from 1, are the materials of the Gaussians whose
-/// `contacts` are given, 0 for those without one; `opacity` `[M]`.
+/// `contacts` are given, 0 for those without one; `opacity` `[M]`. The `fixed` `[M]` keep their material.
 ///
 /// # Errors
 /// As [`Contacts::among`], which has checked the same.
-pub(super) fn join(contacts: &Contacts, opacity: &[f64], labels: &mut [u32]) -> Result<(), PointsError> {
+pub(super) fn join(
+    contacts: &Contacts,
+    opacity: &[f64],
+    labels: &mut [u32],
+    fixed: &[bool],
+) -> Result<(), PointsError> {
     let touched: Vec<u32> = (0..labels.len()).into_par_iter().map(|n| touched(contacts, opacity, labels, n)).collect();
     let regions = Regions::of(contacts, opacity, labels, &touched)?;
     let mut of_material: BTreeMap<u32, f64> = BTreeMap::new();
@@ -41,7 +46,7 @@ pub(super) fn join(contacts: &Contacts, opacity: &[f64], labels: &mut [u32]) -> 
     };
     let layers: Vec<bool> = regions.all.iter().map(is_layer).collect();
     for (n, touched) in touched.into_iter().enumerate() {
-        if regions.labels[n].is_some_and(|region| layers[region]) && !regions.at_edge[n] {
+        if regions.labels[n].is_some_and(|region| layers[region]) && !regions.at_edge[n] && !fixed[n] {
             labels[n] = touched;
         }
     }
@@ -178,7 +183,7 @@ mod tests {
         let mut out = labels.clone();
         let all: Vec<u32> = (0..at.len() as u32).collect();
         let opacity: Vec<f64> = all.iter().map(|&i| at.opacity_of(i as usize).into()).collect();
-        join(&Contacts::among(at, &all).unwrap(), &opacity, &mut out).unwrap();
+        join(&Contacts::among(at, &all).unwrap(), &opacity, &mut out, &vec![false; all.len()]).unwrap();
         out
     }
 
