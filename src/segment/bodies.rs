@@ -76,11 +76,11 @@ fn vote(
     let material = large.material;
     let mut votes = vec![[material; SAMPLES]; large.rows.len()];
     for number in 0..SAMPLES {
-        let sample = Sample::of(at, shown, large, number)?;
+        let sample = Sample::of(at, shown, large.thinning, number);
         let all: Vec<u32> = (0..sample.rows.len() as u32).collect();
         let mut joined: Vec<u32> = sample.rows.iter().map(|&n| before[n]).collect();
         join(&sample.at, &all, &mut joined, &vec![false; all.len()])?;
-        let of_sample = sample.rows.iter().zip(&joined).filter(|(n, _)| large.holds(**n));
+        let of_sample = sample.rows.iter().zip(&joined).filter(|(n, _)| large.rows.binary_search(n).is_ok());
         let known: Vec<(u32, u32)> = of_sample.map(|(&n, &label)| (shown[n], label)).collect();
         let nearest = label_of_nearest(at, &known)?;
         votes.par_iter_mut().zip(&large.rows).for_each(|(votes, &n)| {

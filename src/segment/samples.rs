@@ -3,17 +3,15 @@
 //! Whether a layer is in contact with what it covers, and how much of it is edge, depends on how many Gaussians thick
 //! it is, as each is compared with the same number of neighbours. The limits in `bodies` and `surface_layers` were
 //! found on pieces of about [`KNOWN`] Gaussians. A material with far larger pieces is therefore judged in samples of
-//! the scene in which they are of that size, and in which its Gaussians are enlarged by as much as they are farther
-//! apart: in a volume by the cube root of the thinning, in a sheet one Gaussian thick by its square root. All others are
-//! enlarged as in a volume. Materials differ in their sizes: beside shells of many thousand Gaussians there may be cores
-//! of a few hundred. Small pieces of such a material are judged with the large ones, as they are mostly their fragments:
-//! see the results of 2026-11-28.
+//! the scene in which they are of that size, and in which each Gaussian is enlarged by as much as they are farther
+//! apart in a volume, the cube root of the thinning; in a sheet one Gaussian thick, distances grow by its square root,
+//! so that contacts are lost (sizes by the measured distances were tried, and change what should stay). Materials differ
+//! in their sizes: beside shells of many thousand Gaussians there may be cores of a few hundred. Small pieces of a
+//! material are judged with its large ones, as they are mostly their fragments: see the results of 2026-11-28.
 
 use super::pieces::{Touch, pieces};
 use crate::model::HostGaussians;
 use crate::points::PointsError;
-use crate::points::chunks::point;
-use crate::points::neighbours::Grid;
 
 /// Gaussians in a piece of a material, weighted by size, in the scene with the most layers among those on which the
 /// limits were found: see the results of 2026-11-28 in `benches/results`.
@@ -21,8 +19,6 @@ const KNOWN: f64 = 1300.0;
 /// How many times as many a piece must have for samples to be taken. Some of those scenes have such pieces too, and the
 /// same result with and without samples.
 const FAR_MORE: f64 = 2.0;
-/// The neighbour whose distance tells how far apart Gaussians are.
-const APART: usize = 6;
 /// Samples that vote. In a single one, what is near a limit may fall on either side of it by chance.
 pub(super) const SAMPLES: usize = 5;
 
@@ -34,8 +30,6 @@ pub(super) struct Large {
     pub rows: Vec<usize>,
     /// How many times fewer Gaussians there must be for its pieces to have [`KNOWN`].
     pub thinning: f64,
-    /// How far apart its Gaussians are, see [`spacing`], world units.
-    apart: f32,
 }
 
 /// Returns a material if its pieces have far more than [`KNOWN`] Gaussians, on average over its Gaussians. `shown` `[M]`
@@ -55,42 +49,13 @@ pub(super) fn large(
     let rows: Vec<usize> = (0..shown.len()).filter(|&n| labels[n] == material).collect();
     let found = pieces(at, &rows.iter().map(|&n| shown[n]).collect::<Vec<u32>>(), Touch::SEEN)?;
     let sizes = found.counts.into_iter().map(f64::from);
+    // the size of the piece that a Gaussian is in, on average
     let (total, squares) = sizes.fold((0.0, 0.0), |(total, squares), n| (total + n, squares + n * n));
     let typical = squares / f64::max(total, 1.0);
     if typical <= FAR_MORE * KNOWN {
         return Ok(None);
     }
-    Ok(Some(Large { material, apart: spacing(at, shown, &rows)?, thinning: typical / KNOWN, rows }))
-}
-
-impl Large {
-    /// Returns how many times farther apart these Gaussians are in a `sample` (rows of `shown`), between what it would be
-    /// in a volume and in a sheet one Gaussian thick.
-    fn farther_apart(&self, at: &HostGaussians, shown: &[u32], sample: &[usize]) -> Result<f32, PointsError> {
-        let sampled: Vec<usize> = sample.iter().copied().filter(|row| self.holds(*row)).collect();
-        let ratio = spacing(at, shown, &sampled)? / self.apart;
-        let [volume, sheet] = [self.thinning.cbrt() as f32, self.thinning.sqrt() as f32];
-        Ok(if ratio.is_finite() { ratio.clamp(volume, sheet) } else { volume })
-    }
-
-    /// Whether one of its Gaussians is in this row.
-    pub fn holds(&self, row: usize) -> bool {
-        self.rows.binary_search(&row).is_ok()
-    }
-}
-
-/// Returns the median distance of the Gaussians `rows` of `shown` to the [`APART`]th nearest of them; NaN if there are
-/// too few.
-fn spacing(at: &HostGaussians, shown: &[u32], rows: &[usize]) -> Result<f32, PointsError> {
-    let places: Vec<[f32; 3]> = rows.iter().map(|&n| point(&at.means, shown[n] as usize)).collect();
-    let near = Grid::adaptive(places.as_flattened())?.nearest_of_each::<APART>();
-    let distance = |(place, near): (&[f32; 3], &[u32; APART])| {
-        let other = places[near[APART - 1] as usize];
-        (0..3).map(|a| (place[a] - other[a]).powi(2)).sum::<f32>().sqrt()
-    };
-    let mut all: Vec<f32> = places.iter().zip(&near).map(distance).filter(|d| *d > 0.0).collect();
-    let middle = all.len() / 2;
-    Ok(if all.is_empty() { f32::NAN } else { *all.select_nth_unstable_by(middle, f32::total_cmp).1 })
+    Ok(Some(Large { material, rows, thinning: typical / KNOWN }))
 }
 
 /// A sample of M Gaussians.
@@ -102,36 +67,28 @@ pub(super) struct Sample {
 }
 
 impl Sample {
-    /// Takes about one in `large.thinning` of the Gaussians `shown` (`[M]`, indices into `at`), from another start for
+    /// Takes about one in `thinning` of the Gaussians `shown` (`[M]`, indices into `at`), from another start for
     /// each `number`. From a thinning of [`SAMPLES`] on, no two samples share a Gaussian; the closer it is to 2, the
     /// more they share.
     ///
-    /// # Errors
-    /// If the means are not rows of three.
-    ///
     /// # Panics
     /// If an index is not below N.
-    pub fn of(at: &HostGaussians, shown: &[u32], large: &Large, number: usize) -> Result<Self, PointsError> {
-        let thinning = large.thinning;
+    pub fn of(at: &HostGaussians, shown: &[u32], thinning: f64, number: usize) -> Self {
         let first = thinning * number as f64 / SAMPLES as f64;
         let rows: Vec<usize> = (0..shown.len())
             .map(|k| (first + k as f64 * thinning) as usize)
             .take_while(|row| *row < shown.len())
             .collect();
         let mut sample = at.subset(&rows.iter().map(|&n| shown[n]).collect::<Vec<u32>>());
-        let [own, others] = [large.farther_apart(at, shown, &rows)?, thinning.cbrt() as f32].map(f32::ln);
-        for (scales, row) in sample.log_scales.chunks_exact_mut(3).zip(&rows) {
-            let longer = if large.holds(*row) { own } else { others };
-            scales.iter_mut().for_each(|scale| *scale += longer);
-        }
-        Ok(Self { at: sample, rows })
+        let longer = thinning.cbrt().ln() as f32;
+        sample.log_scales.iter_mut().for_each(|scale| *scale += longer);
+        Self { at: sample, rows }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::{Purpose, Rng};
     use crate::segment::balls::add;
 
     /// A row of Gaussians that touch, one of them of another material and far from the rest.
@@ -158,36 +115,14 @@ mod tests {
     }
 
     #[test]
-    fn samples_share_no_gaussian_if_there_are_enough() {
+    fn samples_share_no_gaussian_if_there_are_enough_and_are_enlarged() {
         let (at, shown, _) = row(6500);
-        let large = Large { material: 1, rows: (0..6500).collect(), thinning: 5.0, apart: 0.03 };
-        let samples: Vec<Sample> = (0..SAMPLES).map(|n| Sample::of(&at, &shown, &large, n).unwrap()).collect();
+        let samples: Vec<Sample> = (0..SAMPLES).map(|number| Sample::of(&at, &shown, 5.0, number)).collect();
         let mut rows: Vec<usize> = samples.iter().flat_map(|s| s.rows.iter().copied()).collect();
         rows.sort_unstable();
         assert_eq!(rows, (0..=6500).collect::<Vec<_>>());
+        let longer = samples[1].at.log_scales[0] - at.log_scales[0];
+        assert!((longer.exp().powi(3) - 5.0).abs() < 1e-4, "{longer}");
         assert_eq!(samples[1].at.means[3], at.means[3 * samples[1].rows[1]]);
-    }
-
-    #[test]
-    fn gaussians_are_enlarged_by_as_much_as_they_are_farther_apart() {
-        for (dimensions, [x, y, z]) in [(2, [80, 75, 1]), (3, [20, 20, 15])] {
-            let mut places: Vec<[i32; 3]> = (0..x * y * z).map(|i| [i % x, i / x % y, i / (x * y)]).collect();
-            Rng::new(0, 0, Purpose::Custom(0)).shuffle(&mut places);
-            let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-            places.iter().for_each(|place| add(&mut at, place.map(|v| v as f32), [-1.0; 3]));
-            let shown: Vec<u32> = (0..at.len() as u32).collect();
-            let rows: Vec<usize> = (0..at.len() / 2).collect();
-            let apart = spacing(&at, &shown, &rows).unwrap();
-            let large = Large { material: 1, rows, thinning: 27.0, apart };
-            let sample = Sample::of(&at, &shown, &large, 0).unwrap();
-            let [found, others] = [0, 3 * sample.rows.len() - 3].map(|i| (sample.at.log_scales[i] + 1.0).exp());
-            let expected = 27f32.powf(1.0 / dimensions as f32);
-            assert!((0.8..1.5).contains(&(found / expected)), "{dimensions} dimensions: {found}, not {expected}");
-            assert!((others - 3.0).abs() < 1e-5, "those of other pieces, as in a volume: {others}");
-        }
-        let none = Large { material: 1, rows: vec![0], thinning: 8.0, apart: f32::NAN };
-        let (at, shown, _) = row(10);
-        let sample = Sample::of(&at, &shown, &none, 0).unwrap();
-        assert!((sample.at.log_scales[0] - at.log_scales[0] - 2f32.ln()).abs() < 1e-6, "too few to tell");
     }
 }
