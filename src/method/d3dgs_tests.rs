@@ -1,14 +1,13 @@
 //! Training with the network of D3DGS: it learns, resumes bit-identically from a checkpoint, and yields a scene.
 
 use super::Training;
-use super::test_support::{ball, changed, device, stepped};
+use super::test_support::{ball, changed, check_checkpoint, device, stepped};
 use crate::config::types::Config;
 use crate::data::Dataset;
 use crate::data::dataset::tests::dataset;
 use crate::method;
 use crate::model::Scene;
 use crate::model::params::{HostTensor, to_vec};
-use crate::train::checkpoint::{self, State};
 use crate::train::open_dataset;
 use std::collections::BTreeMap;
 
@@ -66,21 +65,9 @@ fn every_layer_is_trained_in_the_joint_stage_alone_and_time_matters_then() {
 
 #[test]
 fn a_resumed_training_has_the_bits_of_one_that_was_not_stopped() {
-    let (config, data, folder) = (config(&["d3dgs.time_noise=0.4"]), data(), tempfile::tempdir().unwrap());
-    let text = toml::to_string(&config).unwrap();
     // with additions to come, and between two
-    for step in [22, 23] {
-        let mut whole = method::start(&config, &data, &device()).unwrap();
-        stepped(&mut *whole, &data, step);
-        let (initial, dataset) = (whole.first_primitives(), data.fingerprint());
-        let state =
-            State { step, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0, packed: false };
-        let path = checkpoint::save(folder.path(), &*whole, &state, 1).unwrap();
-        stepped(&mut *whole, &data, 20);
-        let mut resumed = method::start(&config, &data, &device()).unwrap();
-        checkpoint::restore(&path, &mut *resumed, &text, &dataset).unwrap();
-        stepped(&mut *resumed, &data, 20);
-        assert_eq!(parameters(&*resumed), parameters(&*whole), "{step}");
+    for stop in [22, 23] {
+        check_checkpoint(&config(&["d3dgs.time_noise=0.4"]), &data(), stop, 20);
     }
 }
 

@@ -7,8 +7,10 @@ use crate::config::types::Config;
 use crate::data::dataset::{OpenOptions, tests::dataset};
 use crate::data::{Dataset, Split};
 use crate::device::DeviceName;
+use crate::method;
 use crate::model::params::{HostTensor, to_vec};
 use crate::train::Saved;
+use crate::train::checkpoint::{self, State};
 use burn::tensor::{Device, Tensor, TensorData};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -85,6 +87,24 @@ fn resumed(method: &dyn Method, config: &Config, data: &Dataset, old: &dyn Train
     };
     new.resume(saved).unwrap();
     new
+}
+
+/// Asserts that a training of a built-in method, resumed from its checkpoint after `stop` steps, has the bits of one that
+/// was not stopped, `more` steps later.
+pub(super) fn check_checkpoint(config: &Config, data: &Dataset, stop: usize, more: usize) {
+    let (text, folder) = (toml::to_string(config).unwrap(), tempfile::tempdir().unwrap());
+    let mut whole = method::start(config, data, &device()).unwrap();
+    stepped(&mut *whole, data, stop);
+    let (initial, dataset) = (whole.first_primitives(), data.fingerprint());
+    let state =
+        State { step: stop, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0, packed: false };
+    let path = checkpoint::save(folder.path(), &*whole, &state, 1).unwrap();
+    stepped(&mut *whole, data, more);
+    let mut resumed = method::start(config, data, &device()).unwrap();
+    checkpoint::restore(&path, &mut *resumed, &text, &dataset).unwrap();
+    stepped(&mut *resumed, data, more);
+    assert_eq!(resumed.model().parameters(), whole.model().parameters(), "{stop}");
+    assert_eq!(resumed.state(), whole.state(), "{stop}");
 }
 
 /// Asserts that a training stopped and resumed is bit-identical to an uninterrupted one, and that a model saved and

@@ -46,6 +46,13 @@ fn block(to: &mut Vec<([f32; 3], u32)>, from: [i32; 3], size: [i32; 3], material
     }
 }
 
+/// Gaussians at these places, and the material of each.
+fn scene(rows: &[([f32; 3], u32)]) -> (HostGaussians, Vec<u32>) {
+    let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
+    rows.iter().for_each(|(place, _)| add(&mut at, *place, [-3.3; 3]));
+    (at, rows.iter().map(|row| row.1).collect())
+}
+
 #[test]
 fn a_layer_several_gaussians_thick_joins_what_it_covers() {
     let mut rows = Vec::new();
@@ -54,9 +61,7 @@ fn a_layer_several_gaussians_thick_joins_what_it_covers() {
     block(&mut rows, [0, 0, 8], [40, 40, 2], 2);
     block(&mut rows, [40, 0, 8], [40, 40, 16], 2);
     Rng::new(0, 0, Purpose::Custom(0)).shuffle(&mut rows);
-    let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-    rows.iter().for_each(|(place, _)| add(&mut at, *place, [-3.3; 3]));
-    let labels: Vec<u32> = rows.iter().map(|row| row.1).collect();
+    let (at, labels) = scene(&rows);
     let found = joined(&at, &labels);
     let share = |found: &[u32], wanted: &dyn Fn([f32; 3]) -> bool, label: u32| {
         let of_it: Vec<usize> = (0..rows.len()).filter(|&n| wanted(rows[n].0)).collect();
@@ -82,9 +87,7 @@ fn what_has_joined_a_layer_goes_along_with_it() {
     block(&mut rows, [8, 8, 10], [12, 12, 1], 3);
     let elsewhere = rows.len();
     block(&mut rows, [120, 0, 0], [12, 12, 4], 3);
-    let mut at = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-    rows.iter().for_each(|(place, _)| add(&mut at, *place, [-3.3; 3]));
-    let labels: Vec<u32> = rows.iter().map(|row| row.1).collect();
+    let (at, labels) = scene(&rows);
     let (all, mut at_once): (Vec<u32>, _) = ((0..at.len() as u32).collect(), labels.clone());
     join(&at, &all, &mut at_once, &vec![false; labels.len()]).unwrap();
     assert!(at_once[patch..elsewhere].iter().all(|l| *l == 2), "it is on the layer");

@@ -65,8 +65,8 @@ impl Waiting {
     }
 }
 
-/// Whether Gaussians are sorted after `steps` steps of the run; after the last step at once, as the rest would be only if
-/// the run went on.
+/// Whether Gaussians are sorted after `steps` steps of the run. A training sorts at once after its last step, as none
+/// follows.
 pub fn sorts_after(steps: usize, config: &Config) -> bool {
     let every = config.speed.sort_every;
     every > 0 && steps.is_multiple_of(every)

@@ -6,13 +6,12 @@ use super::rows::apply;
 use crate::config::types::Config;
 use crate::data::Dataset;
 use crate::data::dataset::tests::dataset;
-use crate::method::test_support::{ball, changed, device, stepped};
+use crate::method::test_support::{ball, changed, check_checkpoint, device, stepped};
 use crate::method::{self, Training};
 use crate::model::Model;
 use crate::model::params::{HostTensor, to_vec};
 use crate::model::scene_file::{read_tensors, write_tensors};
 use crate::rng::{Purpose, Rng};
-use crate::train::checkpoint::{self, State};
 use crate::train::densify::Row;
 use crate::train::open_dataset;
 use burn::tensor::{Tensor, TensorData};
@@ -76,22 +75,9 @@ fn every_parameter_is_trained_and_gaussians_are_added_up_to_the_budget() {
 
 #[test]
 fn a_resumed_training_has_the_bits_of_one_that_was_not_stopped() {
-    let (config, data, folder) = (config(&["densify.opacity_reset=15"]), data(), tempfile::tempdir().unwrap());
-    let text = toml::to_string(&config).unwrap();
     // with additions and a reset to come, with a sort to come, and between two of each and two neighbour searches
-    for step in [15, 22, 23] {
-        let mut whole = method::start(&config, &data, &device()).unwrap();
-        stepped(&mut *whole, &data, step);
-        let (initial, dataset) = (whole.first_primitives(), data.fingerprint());
-        let state =
-            State { step, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0, packed: false };
-        let path = checkpoint::save(folder.path(), &*whole, &state, 1).unwrap();
-        stepped(&mut *whole, &data, 30);
-        let mut resumed = method::start(&config, &data, &device()).unwrap();
-        checkpoint::restore(&path, &mut *resumed, &text, &dataset).unwrap();
-        stepped(&mut *resumed, &data, 30);
-        assert_eq!(parameters(&*resumed), parameters(&*whole), "{step}");
-        assert_eq!(resumed.state(), whole.state(), "{step}");
+    for stop in [15, 22, 23] {
+        check_checkpoint(&config(&["densify.opacity_reset=15"]), &data(), stop, 30);
     }
 }
 
