@@ -92,6 +92,14 @@ impl Camera {
         2.0 * (0.5 * f64::from(self.height) / self.fy).atan()
     }
 
+    /// The largest `|x/z|` or `|y/z|` in the picture: the tangent of half the larger field of view, or more if the principal
+    /// point is off centre.
+    #[must_use]
+    pub fn widest_slope(&self) -> f64 {
+        let along = |size: u32, focal: f64, principal: f64| principal.max(f64::from(size) - principal) / focal;
+        along(self.width, self.fx, self.cx).max(along(self.height, self.fy, self.cy))
+    }
+
     /// `(R [3, 3], t [3])` with `x_camera = R * x_world + t` in OpenCV axes (x right, y down, z forward).
     #[must_use]
     pub fn world_to_camera_opencv(&self) -> (DMat3, DVec3) {

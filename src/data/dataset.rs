@@ -235,7 +235,8 @@ pub fn read_views(root: &Path, name: SplitName, downscale: u32, max_views: Optio
     Ok(outline(root, name, &json, downscale, max_views)?.0)
 }
 
-fn renumber(mut error: DataError, kept: &[usize]) -> DataError {
+/// Numbers the frame that `error` names as in the file, whose frames `kept` were loaded.
+pub(crate) fn renumber(mut error: DataError, kept: &[usize]) -> DataError {
     if let DataError::Image { frame, .. } | DataError::MixedResolution { frame, .. } = &mut error {
         *frame = kept.get(*frame).copied().unwrap_or(*frame);
     }

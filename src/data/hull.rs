@@ -177,8 +177,7 @@ pub fn view_box(split: &Split) -> Aabb {
     let ahead = cameras().map(super::camera::Camera::forward).sum::<DVec3>().normalize_or_zero();
     let centre = super::camera::look_at_point(cameras())
         .map_or_else(|| mean + ahead * if spread > 0.0 { 2.0 * spread } else { 1.0 }, |(p, _)| p);
-    let half =
-        cameras().map(|c| c.position().distance(centre) * (0.5 * c.fov_x().max(c.fov_y())).tan()).fold(0.0, f64::max);
+    let half = cameras().map(|c| c.position().distance(centre) * c.widest_slope()).fold(0.0, f64::max);
     Aabb::cube(centre, if half > 0.0 && half.is_finite() { half } else { 1.0 })
 }
 

@@ -51,6 +51,11 @@ fn opaque_empty_and_unloaded_images() {
     let start = view_box(&split);
     assert!((start.max.x - 4.0 * 0.25f64.tan()).abs() < 1e-6 && start.centre().length() < 1e-6);
 
+    // cropped on one side, so that the axis is at a border: the picture reaches twice as far to the other
+    let mut cropped = split.clone();
+    cropped.frames.iter_mut().for_each(|f| f.camera.cx = 0.0);
+    assert!((view_box(&cropped).max.x - 8.0 * 0.25f64.tan()).abs() < 1e-6);
+
     split.images.pixels.chunks_exact_mut(4).for_each(|p| p[3] = 0);
     let text = VisualHull::carve(&split, &HullOptions::default()).unwrap_err().to_string();
     assert!(text.contains("split `train`") && text.contains("6 alpha masks"), "{text}");

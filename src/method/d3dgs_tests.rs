@@ -96,6 +96,12 @@ fn one_image_is_learnt_by_heart_and_the_file_draws_it() {
     assert_eq!(read.render(camera, 0.3), training.model().render(camera, 0.3));
     let scene: Scene = read.into_scene().unwrap();
     assert!(scene.spec.d3dgs.is_some() && !scene.opacity_changes());
+    // a header that asks for memory no D3DGS scene needs
+    let mut damaged = scene.clone();
+    damaged.spec.model.embedding = usize::MAX / 8;
+    damaged.save(&path).unwrap();
+    let error = Scene::load(&path, &device()).unwrap_err().to_string();
+    assert!(error.contains("D3DGS has no model.embedding"), "{error}");
     let some = scene.some(&[3, 50]).at(0.3);
     assert_eq!(some.means, scene.host_at(0.3).subset(&[3, 50]).means);
 }

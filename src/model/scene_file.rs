@@ -135,6 +135,9 @@ fn check_spec(spec: &SceneSpec, tensors: &BTreeMap<String, HostTensor>) -> Resul
     let held: u128 = of_field.map(|(_, tensor)| tensor.values.len() as u128).sum();
     let asked = match &spec.d3dgs {
         Some(network) => {
+            if spec.model.embedding > 0 {
+                return Err("D3DGS has no model.embedding".into());
+            }
             d3dgs::check(network)?;
             d3dgs::parameters(network)
         }

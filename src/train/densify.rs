@@ -47,13 +47,17 @@ impl Statistics {
         }
     }
 
-    /// Returns the statistics of the Gaussians of `rows` once `due` is done: empty, but for the largest opacity, which
-    /// is kept unless Gaussians were pruned or opacities reset.
+    /// Returns the statistics of the Gaussians of `rows` once `due` is done. Gradients begin anew when Gaussians were added,
+    /// opacities when some were pruned or opacities reset; the rest is kept.
     #[must_use]
     pub fn renewed(&self, rows: &[Row], due: Due) -> Self {
         let mut new = Self::new(rows.len());
+        if !due.adds() {
+            (new.gradient, new.views) = (gather(&self.gradient, rows, 1), gather(&self.views, rows, 1));
+        }
         if !due.prune && !due.reset {
             new.opacity = gather(&self.opacity, rows, 1);
+            relocate::share_opacities(rows, &mut new.opacity);
         }
         new
     }
@@ -258,6 +262,23 @@ mod tests {
         assert!(rows.iter().all(|r| r.source() != 5));
         s.opacity.fill(0.0);
         assert_eq!(planned(due, &s, &gaussians(6), &Config::default()).len(), 6);
+    }
+
+    #[test]
+    fn gradients_are_gathered_until_gaussians_are_added_and_opacities_until_some_are_pruned() {
+        let s = statistics(3);
+        let rows = [Row::Keep(0), Row::Keep(2)];
+        let pruned = s.renewed(&rows, Due { prune: true, ..Due::default() });
+        assert_eq!((&pruned.gradient[..], &pruned.views[..]), (&[1.0, 3.0][..], &[1.0; 2][..]));
+        assert_eq!(pruned.opacity, [0.0; 2]);
+        let reset = s.renewed(&[0, 1, 2].map(Row::Keep), Due { reset: true, ..Due::default() });
+        assert_eq!((reset.gradient, reset.opacity), (s.gradient.clone(), vec![0.0; 3]));
+        // what is shared no longer has the opacity of the whole: 1 - sqrt(1 - 0.75)
+        let rows = [Row::Share(0), Row::Keep(2), Row::Share(0)];
+        let whole = Statistics { opacity: vec![0.75, 0.5, 0.5], ..s };
+        let added = whole.renewed(&rows, Due { grow_to: Some(3), ..Due::default() });
+        assert_eq!((added.gradient, added.views), (vec![0.0; 3], vec![0.0; 3]));
+        assert_eq!(added.opacity, [0.5; 3]);
     }
 
     #[test]

@@ -21,6 +21,13 @@ pub struct Due {
     pub reset: bool,
 }
 
+impl Due {
+    /// Whether Gaussians are added.
+    pub fn adds(&self) -> bool {
+        self.grow_to.is_some()
+    }
+}
+
 /// Whether the changes due after the last step are still to be applied.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Waiting(bool);

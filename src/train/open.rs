@@ -1,7 +1,7 @@
 //! Opens a dataset as a configuration requests it: image size, splits and selection of views.
 
 use crate::config::types::{Config, DataConfig};
-use crate::data::dataset::read_split;
+use crate::data::dataset::{read_split, renumber};
 use crate::data::images::ImageSet;
 use crate::data::thin::{at_times, evenly, nearest_times, thinned};
 use crate::data::{DataError, Dataset, OpenOptions, Split, SplitName};
@@ -68,6 +68,7 @@ pub fn open_measured(
 pub fn open_trained(root: &Path, config: &Config, most: usize) -> Result<(Split, usize), DataError> {
     let options = OpenOptions { downscale: config.data.downscale, splits: &[], max_views: None };
     let mut split = Dataset::open(root, &options)?.train;
+    let all: Vec<PathBuf> = split.frames.iter().map(|f| f.path.clone()).collect();
     if !config.data.only_times.is_empty() {
         let times = only_times(root, &split.times(), &config.data.only_times)?;
         split = at_times(split, &times);
@@ -82,7 +83,11 @@ pub fn open_trained(root: &Path, config: &Config, most: usize) -> Result<(Split,
         split.frames = order.into_iter().map(|i| split.frames[i].clone()).collect();
     }
     let paths: Vec<PathBuf> = split.frames.iter().map(|f| f.path.clone()).collect();
-    split.images = ImageSet::load(&SplitName::Train.json_path(root), &paths, config.data.downscale)?;
+    let json = SplitName::Train.json_path(root);
+    split.images = ImageSet::load(&json, &paths, config.data.downscale).map_err(|e| {
+        let kept: Vec<usize> = paths.iter().filter_map(|path| all.iter().position(|p| p == path)).collect();
+        renumber(e, &kept)
+    })?;
     Ok((split, of))
 }
 
@@ -184,6 +189,11 @@ mod tests {
         (config.data.only_times, config.data.views_per_time) = (vec![0.7], 2);
         let (some, of) = open_trained(folder.path(), &config, 4).unwrap();
         assert_eq!((some.times(), some.frames.len(), of), (vec![1.0], 2, 2));
+        let last = some.frames.last().unwrap();
+        let index = all.frames.iter().position(|f| f == last).unwrap();
+        std::fs::write(&last.path, "no image").unwrap();
+        let error = open_trained(folder.path(), &config, 4).unwrap_err();
+        assert!(matches!(error, DataError::Image { frame, .. } if frame == index && index > 2), "{error}");
     }
 
     #[test]

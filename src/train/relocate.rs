@@ -46,12 +46,7 @@ pub(super) fn plan(alive: &[usize], opacity: impl Fn(usize) -> f32, wanted: usiz
 /// Sets opacity and size of each Gaussian's shares so that together, at its position, they look like it (equation 9 of the
 /// publication). `gaussians` are gathered by `rows`.
 pub(super) fn share(rows: &[Row], gaussians: &mut HostGaussians) {
-    let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
-    for row in rows {
-        if let Row::Share(i) = row {
-            *counts.entry(*i).or_default() += 1;
-        }
-    }
+    let counts = counts(rows);
     // the shares of one Gaussian are equal, so each source is computed once: logit, and change of the log-scales
     let mut changes: BTreeMap<usize, (f32, f32)> = BTreeMap::new();
     for (j, row) in rows.iter().enumerate() {
@@ -65,12 +60,39 @@ pub(super) fn share(rows: &[Row], gaussians: &mut HostGaussians) {
     }
 }
 
+/// Lowers the largest opacities `[N]` of each Gaussian's shares likewise, so that what was copied is not copied again for
+/// the opacity that it no longer has.
+pub(super) fn share_opacities(rows: &[Row], opacities: &mut [f32]) {
+    let counts = counts(rows);
+    for (row, opacity) in rows.iter().zip(opacities) {
+        if let Row::Share(i) = row {
+            *opacity = each(f64::from(*opacity), counts[i]) as f32;
+        }
+    }
+}
+
+/// Returns the number of shares of each Gaussian that is shared.
+fn counts(rows: &[Row]) -> BTreeMap<usize, usize> {
+    let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
+    for row in rows {
+        if let Row::Share(i) = row {
+            *counts.entry(*i).or_default() += 1;
+        }
+    }
+    counts
+}
+
+/// Returns the opacity of each of `count` coinciding Gaussians that together have `opacity`.
+fn each(opacity: f64, count: usize) -> f64 {
+    1.0 - (1.0 - opacity).powf(1.0 / count as f64)
+}
+
 /// Returns the opacity of each of `count` coinciding Gaussians that together have `opacity`, and their standard deviations
 /// as a fraction of those of the Gaussian that they replace, chosen so that the integral of alpha along a line through the
 /// centre is unchanged.
 fn shared(opacity: f64, count: usize) -> (f64, f64) {
     let count = count.min(MAX_SHARES);
-    let each = 1.0 - (1.0 - opacity).powf(1.0 / count as f64);
+    let each = each(opacity, count);
     // sum over n shares and k of binomial(n - 1, k) (-1)^k each^(k + 1) / sqrt(k + 1)
     let mut integral = 0.0;
     for n in 0..count {

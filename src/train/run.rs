@@ -280,8 +280,9 @@ pub fn run(
     // created at the first step: an observer may print before it
     let mut bar = None;
     let on_terminal = std::io::stderr().is_terminal();
-    // another average is another scene, even if no step is left
-    let mut saved = newest.is_some() && changed.iter().all(|change| change.key != AVERAGE);
+    // without its average the scene is another, even if no step is left
+    let dropped = config.optim.average == 0 && changed.iter().any(|change| change.key == AVERAGE);
+    let mut saved = newest.is_some() && !dropped;
     let mut test_psnr = None;
     let mut smooth_psnr: Option<f64> = None;
     let (mut report, mut times) = (None, MeanTimes::default());

@@ -8,6 +8,7 @@ use crate::config::types::{Config, DensifyMode, EncoderKind, GridInit, ShBands, 
 use crate::data::Dataset;
 use crate::data::dataset::{OpenOptions, tests::dataset};
 use crate::device::DeviceName;
+use crate::model::Scene;
 use crate::model::encoder::Encoder;
 use crate::model::params::{self, to_vec};
 use burn::tensor::Tensor;
@@ -293,6 +294,31 @@ fn an_average_changes_no_step_is_sorted_along_and_is_restored_from_a_checkpoint(
         assert_eq!(params::collect(a), params::collect(b));
     }
     assert_eq!(averaged.state(), resumed.state());
+}
+
+#[test]
+fn a_run_lengthened_by_a_joint_stage_begins_a_new_average_with_it() {
+    let with_joint = |joint_steps: usize| {
+        let mut config = config();
+        (config.optim.average, config.stages.warmup_steps, config.stages.joint_steps) = (20, 60, joint_steps);
+        (config.densify.mode, config.densify.budget, config.densify.prune_opacity) = (DensifyMode::Off, 200, 0.0);
+        trainer(&config)
+    };
+    let (data, mut short) = with_joint(0);
+    let steps = short.total_steps();
+    for _ in 0..steps {
+        short.step(&data.train).unwrap();
+    }
+    let means = |scene: &Scene| to_vec(scene.gaussians.means.val());
+    assert_ne!(means(short.shown()), means(short.scene()), "its average is of many steps");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.safetensors");
+    short.model().save(&path).unwrap();
+    let (_, mut longer) = with_joint(10);
+    let (state, state_path) = (short.state(), path.as_path());
+    longer.resume(Saved { model: &path, state, state_path, step: steps, first_primitives: 200 }).unwrap();
+    assert_eq!(means(longer.scene()), means(short.scene()));
+    assert_eq!(means(longer.shown()), means(short.scene()), "the average of warm-up goes on in the joint stage");
 }
 
 #[test]

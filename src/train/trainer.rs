@@ -141,6 +141,11 @@ impl Trainer {
         &self.device
     }
 
+    /// Whether the joint stage begins after `steps` steps of the run.
+    pub(super) fn begins_joint(&self, steps: usize) -> bool {
+        steps == self.config.stages.warmup_steps && self.config.stages.joint_steps > 0
+    }
+
     fn view(&self, stage: Stage, views: usize) -> usize {
         match stage {
             Stage::Warmup(s) => self.warmup_views[schedule::view(&self.config, s, self.warmup_views.len())],
@@ -250,7 +255,7 @@ impl Trainer {
         lap(&mut times.adam);
         self.step += 1;
         self.waiting.after_step();
-        if self.step == self.config.stages.warmup_steps && self.config.stages.joint_steps > 0 {
+        if self.begins_joint(self.step) {
             self.average.clear();
         }
         if let Some(scene) = &self.scene {

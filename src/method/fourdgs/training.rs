@@ -172,7 +172,11 @@ impl Fit {
             self.optimizer.map_moments("gaussians.opacity_logits", |m| vec![0.0; m.len()]);
         }
         self.statistics.replace(|old| old.renewed(&rows, due));
-        self.by_time = None;
+        if due.adds() {
+            self.by_time = None;
+        } else {
+            self.gather_by_time(&rows);
+        }
     }
 
     /// Sorts the Gaussians along a space-filling curve, with everything stored per Gaussian.
@@ -181,8 +185,13 @@ impl Fit {
         let rows = spatial::curve_order(host.get("gaussians.means").map_or(&[], |t| &t.values));
         self.rearrange(step, &rows, &host);
         self.statistics.replace(|old| old.rearranged(&rows));
+        self.gather_by_time(&rows);
+    }
+
+    /// Gathers the sums of the gradients with respect to time by `rows`.
+    fn gather_by_time(&mut self, rows: &[densify::Row]) {
         self.by_time = self.by_time.take().map(|sums| {
-            let values = densify::gather(&to_vec(sums.clone()), &rows, 1);
+            let values = densify::gather(&to_vec(sums.clone()), rows, 1);
             Tensor::from_data(&values[..], &sums.device())
         });
     }

@@ -6,16 +6,17 @@
 //! programs draw them, look as the scene does here. The scene's own pictures from all around are the targets, so
 //! neither the dataset nor the volume is needed. Means and rotations stay.
 
-use crate::data::paths::training_cameras;
+use crate::data::paths::{Sphere, training_cameras};
 use crate::metrics::psnr::psnr;
 use crate::model::params::to_vec;
-use crate::model::{Gaussians, HostGaussians, Rendering, Scene};
+use crate::model::{Gaussians, HostGaussians, Model, Rendering, Scene};
 use crate::rng::{Purpose, Rng};
 use crate::run::cameras::Surroundings;
 use crate::run::{OpenRun, RunError};
 use crate::train::optimizer::{AdamConstants, Optimizer};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
+use glam::DVec3;
 use serde::Serialize;
 use volseggs_kernels::Camera;
 use volseggs_kernels::photometric::{Distance, photometric_loss};
@@ -30,6 +31,16 @@ pub const MEASURED: usize = 8;
 
 /// Weight of alpha: that of one colour channel, as other programs have backgrounds of their own.
 const ALPHA: f32 = 1.0 / 3.0;
+
+/// The views are chosen to show Gaussians of at least this opacity, but for [`OUTLIERS`] of them.
+const VISIBLE: f32 = 0.1;
+
+/// Fraction of the Gaussians at either end of an axis that may lie outside the views, as outliers would otherwise determine
+/// them.
+const OUTLIERS: f64 = 1e-3;
+
+/// Room around what is shown, as a factor.
+const MARGIN: f64 = 1.2;
 
 /// Learning rates fall to this fraction by the last step.
 const FINAL: f64 = 0.1;
@@ -51,6 +62,8 @@ pub struct RefitPlan {
     pub steps: usize,
     /// Lens and distance of the views.
     pub around: Surroundings,
+    /// Half the side of the trained scene, world units.
+    pub half_size: f64,
 }
 
 impl RefitPlan {
@@ -63,8 +76,38 @@ impl RefitPlan {
             return None;
         }
         let around = run.surroundings();
-        (steps.is_some() || around.note.is_none()).then(|| Self { steps: steps.unwrap_or(STEPS), around })
+        let (_, half_size) = run.scene.place();
+        (steps.is_some() || around.note.is_none()).then(|| Self { steps: steps.unwrap_or(STEPS), around, half_size })
     }
+
+    /// Returns the sphere on which cameras see `shown`: that of the dataset's cameras or, if edits have moved or scaled
+    /// Gaussians out of their sight, one around what is shown, with a radius larger in proportion.
+    fn sphere(&self, shown: &HostGaussians) -> Sphere {
+        let Surroundings { lens, sphere, .. } = &self.around;
+        let sees = sphere.radius * (0.5 * lens.fov_x).tan() * (f64::from(lens.height) / f64::from(lens.width)).min(1.0);
+        let sees = sees.max(self.half_size);
+        let Some([low, high]) = visible_box(shown) else { return *sphere };
+        if (high - sphere.centre).max(sphere.centre - low).max_element() <= sees {
+            return *sphere;
+        }
+        let half = MARGIN * 0.5 * (high - low).max_element();
+        Sphere { centre: 0.5 * (low + high), radius: sphere.radius * (half / sees).max(1.0) }
+    }
+}
+
+/// Returns the corners of the box of the visible Gaussians, without outliers; `None` if there are none.
+fn visible_box(shown: &HostGaussians) -> Option<[DVec3; 2]> {
+    let visible: Vec<usize> = (0..shown.len()).filter(|i| shown.opacity_of(*i) >= VISIBLE).collect();
+    let last = visible.len().checked_sub(1)?;
+    let outliers = (OUTLIERS * visible.len() as f64) as usize;
+    let mut corners = [DVec3::ZERO; 2];
+    for axis in 0..3 {
+        let mut along: Vec<f32> = visible.iter().map(|i| shown.means[3 * i + axis]).collect();
+        along.sort_unstable_by(f32::total_cmp);
+        corners[0][axis] = f64::from(along[outliers]);
+        corners[1][axis] = f64::from(along[last - outliers]);
+    }
+    Some(corners)
 }
 
 /// Whether other programs draw the scene as this one does.
@@ -86,14 +129,18 @@ pub(super) fn refit(
     device: &Device,
     mut goes_on: impl FnMut() -> bool,
 ) -> Result<Option<(HostGaussians, Refit)>, RunError> {
-    let RefitPlan { steps, around } = plan;
+    let RefitPlan { steps, around, .. } = plan;
+    let sphere = plan.sphere(shown);
     let plain = shown.baked();
     let elsewhere = Rendering { sh_degree: plain.sh_degree(), dilation: DILATION, path_opacity: 0.0, ..rendering };
     let scene = shown.to_splat(device);
     let target = |camera: &Camera| splat(scene.clone(), rendering.seen_by(*camera)).image;
 
-    let mut cameras = training_cameras(*steps, around.sphere, around.lens);
+    // spheres of as many views would be the same
+    let views = if *steps == MEASURED { steps + 1 } else { *steps };
+    let mut cameras = training_cameras(views, sphere, around.lens);
     Rng::new(0, 0, Purpose::Refit).shuffle(&mut cameras);
+    cameras.truncate(*steps);
     let mut gaussians = Gaussians::from_host(plain.clone(), &device.clone().autodiff());
     let mut optimizer = Optimizer::new(AdamConstants { betas: [0.9, 0.99], epsilon: 1e-15, sh_rest: 1.0 });
     for (step, camera) in cameras.iter().enumerate() {
@@ -114,7 +161,7 @@ pub(super) fn refit(
     let refitted = gaussians.valid().to_host();
     let both = [&plain, &refitted].map(|gaussians| gaussians.to_splat(device));
     let mut sums = [0.0; 2];
-    for camera in training_cameras(MEASURED, around.sphere, around.lens) {
+    for camera in training_cameras(MEASURED, sphere, around.lens) {
         let camera = camera.to_kernel();
         let scene = colours(target(&camera));
         for (sum, inputs) in sums.iter_mut().zip(&both) {
@@ -165,7 +212,7 @@ mod tests {
     fn plan(steps: usize) -> RefitPlan {
         let around =
             Surroundings { lens: Lens { fov_x: 0.5, width: 40, height: 32 }, sphere: Sphere::from(4.0), note: None };
-        RefitPlan { steps, around }
+        RefitPlan { steps, around, half_size: 0.7 }
     }
 
     fn rendering() -> Rendering {
@@ -182,6 +229,31 @@ mod tests {
         assert_eq!((&refitted.means, &refitted.rotations), (&discs().means, &discs().rotations));
         let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         assert_eq!(one.install(fit), (refitted, gain));
+    }
+
+    /// The discs, moved by `by` along x.
+    fn moved(by: f32) -> HostGaussians {
+        let mut moved = discs();
+        moved.means.iter_mut().step_by(3).for_each(|x| *x += by);
+        moved
+    }
+
+    #[test]
+    fn what_edits_moved_out_of_sight_is_refitted_like_what_stayed() {
+        let device = DeviceName::all()[0].open().unwrap();
+        let sphere = |shown: &HostGaussians| plan(9).sphere(shown);
+        assert_eq!(sphere(&discs()), Sphere::from(4.0));
+        let Sphere { centre, radius } = sphere(&moved(5.0));
+        assert!((centre.x - 5.0).abs() < 0.1 && centre.y.abs() < 0.1, "{centre}");
+        assert!((4.0..4.6).contains(&radius), "{radius}: as far away as before, or nearly so");
+        let gain = refit(&moved(5.0), rendering(), &plan(120), &device, || true).unwrap().unwrap().1;
+        assert!(gain.psnr_after > gain.psnr_before + 3.0, "{gain:?}");
+        let mut both = discs().subset(&(0..80).map(|i| i % 40).collect::<Vec<_>>());
+        both.means[120..].copy_from_slice(&moved(5.0).means);
+        assert!(sphere(&both).radius > 10.0, "{:?}", sphere(&both));
+        let mut hidden = moved(5.0);
+        hidden.opacity_logits.fill(-9.0);
+        assert_eq!(sphere(&hidden), Sphere::from(4.0));
     }
 
     #[test]

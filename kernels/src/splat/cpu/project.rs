@@ -56,10 +56,10 @@ impl Projection {
         let camera_mean: [f32; 3] =
             std::array::from_fn(|i| w[i][0] * mean[0] + w[i][1] * mean[1] + w[i][2] * mean[2] + camera.translation[i]);
         let iz = 1.0 / camera_mean[2];
-        let limits = camera.jacobian_limits();
         let raw = [camera_mean[0] * iz, camera_mean[1] * iz];
-        let clamped = [raw[0].abs() > limits[0], raw[1].abs() > limits[1]];
-        let slope = [raw[0].clamp(-limits[0], limits[0]), raw[1].clamp(-limits[1], limits[1])];
+        let [[left, right], [top, bottom]] = camera.jacobian_limits();
+        let clamped = [raw[0] < left || raw[0] > right, raw[1] < top || raw[1] > bottom];
+        let slope = [raw[0].clamp(left, right), raw[1].clamp(top, bottom)];
         let (j00, j02) = (camera.fx * iz, -camera.fx * slope[0] * iz);
         let (j11, j12) = (camera.fy * iz, -camera.fy * slope[1] * iz);
         let jw = [

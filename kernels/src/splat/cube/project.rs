@@ -15,7 +15,7 @@ pub(super) const SCREEN: usize = 12;
 /// The depth key of a Gaussian that is not drawn: after all others.
 pub(super) const CULLED: u32 = u32::MAX;
 
-/// The camera as the kernels read it: fx, fy, cx, cy, rotation (9), translation (3), eye (3), limits of the slope (2),
+/// The camera as the kernels read it: fx, fy, cx, cy, rotation (9), translation (3), eye (3), limits of the slopes (4),
 /// width, height, dilation.
 pub(super) fn camera_words(settings: &SplatSettings) -> Vec<f32> {
     let camera = &settings.camera;
@@ -23,7 +23,7 @@ pub(super) fn camera_words(settings: &SplatSettings) -> Vec<f32> {
     words.extend(camera.rotation.iter().flatten());
     words.extend(camera.translation);
     words.extend(camera.position());
-    words.extend(camera.jacobian_limits());
+    words.extend(camera.jacobian_limits().as_flattened());
     words.extend([camera.width as f32, camera.height as f32, settings.dilation]);
     words
 }
@@ -56,12 +56,12 @@ pub(super) fn view(means: &[f32], camera: &[f32], i: usize) -> View {
     let cy = camera[7] * mx + camera[8] * my + camera[9] * mz + camera[14];
     let cz = camera[10] * mx + camera[11] * my + camera[12] * mz + camera[15];
     let iz = 1.0f32 / cz;
-    let (limit_x, limit_y) = (camera[19], camera[20]);
+    let (left, right, top, bottom) = (camera[19], camera[20], camera[21], camera[22]);
     let (raw_x, raw_y) = (cx * iz, cy * iz);
-    let clamped_x = f32::abs(raw_x) > limit_x;
-    let clamped_y = f32::abs(raw_y) > limit_y;
-    let slope_x = clamp(raw_x, -limit_x, limit_x);
-    let slope_y = clamp(raw_y, -limit_y, limit_y);
+    let clamped_x = raw_x < left || raw_x > right;
+    let clamped_y = raw_y < top || raw_y > bottom;
+    let slope_x = clamp(raw_x, left, right);
+    let slope_y = clamp(raw_y, top, bottom);
     let (j00, j02) = (fx * iz, -fx * slope_x * iz);
     let (j11, j12) = (fy * iz, -fy * slope_y * iz);
     View {
@@ -124,10 +124,10 @@ pub(super) fn project(
         let i = ABSOLUTE_POS;
         let at_camera = view(means, camera, i);
         let s = on_screen(source, log_scales, &at_camera, i, entries);
-        let dilation = camera[23];
+        let dilation = camera[25];
         let (ca, cb, cc) = (s.xx + dilation, s.xy, s.yy + dilation);
         let determinant = s.determinant + dilation * (s.xx + s.yy) + dilation * dilation;
-        let (width, height) = (camera[21], camera[22]);
+        let (width, height) = (camera[23], camera[24]);
         let opacity = 1.0f32 / (1.0f32 + f32::exp(-opacity_logits[i]));
         let inverse = 1.0f32 / determinant;
         let iz = 1.0f32 / at_camera.cz;

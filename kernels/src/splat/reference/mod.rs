@@ -175,9 +175,13 @@ fn geometry(scene: &Scene, i: usize, settings: &SplatSettings) -> Geometry {
         _ => world_covariance(rotation, scale),
     };
     let (fx, fy) = (f64::from(camera.fx), f64::from(camera.fy));
-    let limit = [1.3 * camera.width as f64 / (2.0 * fx), 1.3 * camera.height as f64 / (2.0 * fy)];
+    let half = [1.3 * camera.width as f64 / (2.0 * fx), 1.3 * camera.height as f64 / (2.0 * fy)];
+    let middle = [
+        (0.5 * camera.width as f64 - f64::from(camera.cx)) / fx,
+        (0.5 * camera.height as f64 - f64::from(camera.cy)) / fy,
+    ];
     let free = [t[0] / t[2], t[1] / t[2]];
-    let slope: [f64; 2] = std::array::from_fn(|k| free[k].clamp(-limit[k], limit[k]));
+    let slope: [f64; 2] = std::array::from_fn(|k| free[k].clamp(middle[k] - half[k], middle[k] + half[k]));
     let j = [[fx / t[2], 0.0, -fx * slope[0] / t[2]], [0.0, fy / t[2], -fy * slope[1] / t[2]]];
     let jw: [[f64; 3]; 2] = std::array::from_fn(|a| std::array::from_fn(|b| (0..3).map(|k| j[a][k] * w[k][b]).sum()));
     let covariance: [[f64; 2]; 2] = std::array::from_fn(|a| {
