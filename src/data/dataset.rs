@@ -84,6 +84,12 @@ pub struct Split {
 }
 
 impl Split {
+    /// The paths of the frames' images.
+    #[must_use]
+    pub fn paths(&self) -> Vec<PathBuf> {
+        self.frames.iter().map(|f| f.path.clone()).collect()
+    }
+
     /// The times of the frames, ascending, each once.
     #[must_use]
     pub fn times(&self) -> Vec<f64> {
@@ -220,7 +226,7 @@ pub fn read_split(root: &Path, name: SplitName, downscale: u32, max_views: Optio
     let json = Transforms::read(&name.json_path(root))?;
     json.check_images()?;
     let (mut split, kept) = outline(root, name, &json, downscale, max_views)?;
-    let paths: Vec<PathBuf> = split.frames.iter().map(|f| f.path.clone()).collect();
+    let paths = split.paths();
     // with fewer views than frames, a message must still give the frame's index in the file
     split.images = ImageSet::load(&json.path, &paths, downscale).map_err(|e| renumber(e, &kept))?;
     Ok(split)

@@ -45,12 +45,11 @@ impl Training for Trainer {
         self.optimizer.load(&from.state, &params::sizes(&scene), &device.inner()).map_err(bad)?;
         self.culling.load(&from.state, n);
         self.waiting = Waiting::load(&from.state);
-        // the joint stage begins with an average of its own, also if the run was saved before it had one
-        if self.begins_joint(from.step) {
-            self.average.clear();
-            self.average.look(from.step, &scene);
-        }
         (self.scene, self.step, self.initial) = (Some(scene), from.step, from.first_primitives);
+        // the run may have been saved before it had a joint stage
+        if self.begins_joint() {
+            self.update_average();
+        }
         Ok(())
     }
 

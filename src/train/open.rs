@@ -6,7 +6,7 @@ use crate::data::images::ImageSet;
 use crate::data::thin::{at_times, evenly, nearest_times, thinned};
 use crate::data::{DataError, Dataset, OpenOptions, Split, SplitName};
 use crate::rng::{Purpose, Rng};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Opens `root` for training with `config`, including the test views if they are evaluated during training.
 ///
@@ -68,7 +68,7 @@ pub fn open_measured(
 pub fn open_trained(root: &Path, config: &Config, most: usize) -> Result<(Split, usize), DataError> {
     let options = OpenOptions { downscale: config.data.downscale, splits: &[], max_views: None };
     let mut split = Dataset::open(root, &options)?.train;
-    let all: Vec<PathBuf> = split.frames.iter().map(|f| f.path.clone()).collect();
+    let all = split.paths();
     if !config.data.only_times.is_empty() {
         let times = only_times(root, &split.times(), &config.data.only_times)?;
         split = at_times(split, &times);
@@ -82,7 +82,7 @@ pub fn open_trained(root: &Path, config: &Config, most: usize) -> Result<(Split,
         order.sort_unstable();
         split.frames = order.into_iter().map(|i| split.frames[i].clone()).collect();
     }
-    let paths: Vec<PathBuf> = split.frames.iter().map(|f| f.path.clone()).collect();
+    let paths = split.paths();
     let json = SplitName::Train.json_path(root);
     split.images = ImageSet::load(&json, &paths, config.data.downscale).map_err(|e| {
         let kept: Vec<usize> = paths.iter().filter_map(|path| all.iter().position(|p| p == path)).collect();

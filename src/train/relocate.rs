@@ -14,7 +14,7 @@ use volseggs_kernels::activation::{logit_f64, sigmoid_f64};
 /// Standard deviation of the random offset of each share, as a fraction of its own. Over none, 0.3 wins 0.15 to 0.3 dB with
 /// each of three seeds, and 1 nothing: see the results of 2026-11-27 in `benches/results`.
 pub(super) const APART: f32 = 0.3;
-/// Maximum number of shares for which the size of each is computed; more shares get the size for this number.
+/// Maximum number of shares for which opacity and size of each are computed; more shares get those for this number.
 const MAX_SHARES: usize = 51;
 /// Shared opacities are clamped to this distance from 0 and 1, so that their logits are finite.
 const LIMIT: f64 = 1e-7;
@@ -84,7 +84,7 @@ fn counts(rows: &[Row]) -> BTreeMap<usize, usize> {
 
 /// Returns the opacity of each of `count` coinciding Gaussians that together have `opacity`.
 fn each(opacity: f64, count: usize) -> f64 {
-    1.0 - (1.0 - opacity).powf(1.0 / count as f64)
+    1.0 - (1.0 - opacity).powf(1.0 / count.min(MAX_SHARES) as f64)
 }
 
 /// Returns the opacity of each of `count` coinciding Gaussians that together have `opacity`, and their standard deviations

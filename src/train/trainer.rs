@@ -141,9 +141,19 @@ impl Trainer {
         &self.device
     }
 
-    /// Whether the joint stage begins after `steps` steps of the run.
-    pub(super) fn begins_joint(&self, steps: usize) -> bool {
-        steps == self.config.stages.warmup_steps && self.config.stages.joint_steps > 0
+    /// Whether the joint stage begins with the next step.
+    pub(super) fn begins_joint(&self) -> bool {
+        self.step == self.config.stages.warmup_steps && self.config.stages.joint_steps > 0
+    }
+
+    /// Lets the average look at the scene after a step; the joint stage begins with an average of its own.
+    pub(super) fn update_average(&mut self) {
+        if self.begins_joint() {
+            self.average.clear();
+        }
+        if let Some(scene) = &self.scene {
+            self.average.look(self.step, scene);
+        }
     }
 
     fn view(&self, stage: Stage, views: usize) -> usize {
@@ -255,12 +265,7 @@ impl Trainer {
         lap(&mut times.adam);
         self.step += 1;
         self.waiting.after_step();
-        if self.begins_joint(self.step) {
-            self.average.clear();
-        }
-        if let Some(scene) = &self.scene {
-            self.average.look(self.step, scene);
-        }
+        self.update_average();
         if self.step == self.total_steps() && sorts_after(self.step, &self.config) {
             self.sort();
         }

@@ -6,6 +6,7 @@
 //! programs draw them, look as the scene does here. The scene's own pictures from all around are the targets, so
 //! neither the dataset nor the volume is needed. Means and rotations stay.
 
+use crate::data::hull::Aabb;
 use crate::data::paths::{Sphere, training_cameras};
 use crate::metrics::psnr::psnr;
 use crate::model::params::to_vec;
@@ -39,8 +40,8 @@ const VISIBLE: f32 = 0.1;
 /// them.
 const OUTLIERS: f64 = 1e-3;
 
-/// Room around what is shown, as a factor.
-const MARGIN: f64 = 1.2;
+/// Room on every side of what is shown, as a fraction of its size.
+const MARGIN: f64 = 0.1;
 
 /// Learning rates fall to this fraction by the last step.
 const FINAL: f64 = 0.1;
@@ -86,28 +87,29 @@ impl RefitPlan {
         let Surroundings { lens, sphere, .. } = &self.around;
         let sees = sphere.radius * (0.5 * lens.fov_x).tan() * (f64::from(lens.height) / f64::from(lens.width)).min(1.0);
         let sees = sees.max(self.half_size);
-        let Some([low, high]) = visible_box(shown) else { return *sphere };
-        if (high - sphere.centre).max(sphere.centre - low).max_element() <= sees {
+        let seen = Aabb::cube(sphere.centre, sees);
+        let Some(shown) = visible_box(shown) else { return *sphere };
+        if seen.contains(shown.min) && seen.contains(shown.max) {
             return *sphere;
         }
-        let half = MARGIN * 0.5 * (high - low).max_element();
-        Sphere { centre: 0.5 * (low + high), radius: sphere.radius * (half / sees).max(1.0) }
+        let half = 0.5 * shown.grown(MARGIN).size().max_element();
+        Sphere { centre: shown.centre(), radius: sphere.radius * (half / sees).max(1.0) }
     }
 }
 
-/// Returns the corners of the box of the visible Gaussians, without outliers; `None` if there are none.
-fn visible_box(shown: &HostGaussians) -> Option<[DVec3; 2]> {
+/// Returns the box of the visible Gaussians, without outliers; `None` if there are none.
+fn visible_box(shown: &HostGaussians) -> Option<Aabb> {
     let visible: Vec<usize> = (0..shown.len()).filter(|i| shown.opacity_of(*i) >= VISIBLE).collect();
     let last = visible.len().checked_sub(1)?;
     let outliers = (OUTLIERS * visible.len() as f64) as usize;
-    let mut corners = [DVec3::ZERO; 2];
+    let mut bounds = Aabb::cube(DVec3::ZERO, 0.0);
     for axis in 0..3 {
         let mut along: Vec<f32> = visible.iter().map(|i| shown.means[3 * i + axis]).collect();
         along.sort_unstable_by(f32::total_cmp);
-        corners[0][axis] = f64::from(along[outliers]);
-        corners[1][axis] = f64::from(along[last - outliers]);
+        bounds.min[axis] = f64::from(along[outliers]);
+        bounds.max[axis] = f64::from(along[last - outliers]);
     }
-    Some(corners)
+    Some(bounds)
 }
 
 /// Whether other programs draw the scene as this one does.
