@@ -34,7 +34,36 @@ impl SomeGaussians<'_> {
     }
 }
 
+/// The Gaussians of a scene at other times than the one at which they are looked at.
+#[derive(Clone, Debug, Default)]
+pub struct OtherTimes {
+    /// Positions `[N, 3]`, world units, at each of several times; none if nothing moves.
+    pub means: Vec<Vec<f32>>,
+    /// Opacities `[N]` of [`Scene::opacity_at_other_times`].
+    pub opacity: Vec<f32>,
+}
+
+/// Times at which positions are looked at.
+const PLACES: [f32; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
+
 impl Scene {
+    /// Positions at five evenly spaced times, and [`Self::opacity_at_other_times`].
+    ///
+    /// # Panics
+    /// If `asked` is not of length N.
+    #[must_use]
+    pub fn at_other_times(&self, asked: &[bool], min_opacity: f32) -> OtherTimes {
+        let opacity = self.opacity_at_other_times(asked, min_opacity);
+        let all: Vec<u32> = (0..asked.len() as u32).collect();
+        let means = if self.spec.deformed && !all.is_empty() {
+            let all = self.some(&all);
+            PLACES.iter().map(|time| all.at(*time).means).collect()
+        } else {
+            Vec::new()
+        };
+        OtherTimes { means, opacity }
+    }
+
     /// Whether opacities may change over time.
     #[must_use]
     pub fn opacity_changes(&self) -> bool {

@@ -25,6 +25,7 @@ pub mod sh;
 pub mod size;
 pub mod time_curve;
 
+pub use at::OtherTimes;
 pub use deformation::DeformationField;
 pub use drawing::{Counts, Model};
 pub use gaussians::Gaussians;

@@ -8,6 +8,7 @@ pub(crate) mod flood;
 pub mod hdbscan;
 pub mod kmeans;
 pub mod modes;
+pub mod moving;
 pub mod neighbours;
 pub mod outliers;
 pub mod principal;

@@ -7,9 +7,10 @@ use super::material::{Materials, materials};
 use super::material_groups::group;
 use super::palette::{PaletteEntry, name_colours, name_materials};
 use super::pieces::{Touch, pieces};
-use crate::model::HostGaussians;
+use crate::model::{HostGaussians, OtherTimes};
 use crate::points::PointsError;
 use crate::points::kmeans::{KMeansConfig, kmeans, nearest};
+use crate::points::moving::nearest_over_time;
 use crate::points::outliers::{OutlierConfig, keep_mask};
 use crate::points::suggest::suggest_clusters;
 use crate::rng::{Purpose, Rng};
@@ -100,22 +101,25 @@ impl Coarse {
 
 /// Groups Gaussians at a time by colour, each weighted by its opacity. Those transparent at this time but not always
 /// join the nearest colour, as a segment may consist of them at another time; those of a material not visible at this
-/// time form a colour of their own, unless the number of colours is given or mean colours are grouped. `later` `[N]`
-/// holds the opacity of each Gaussian at another time, 0 if always transparent, and is read only for those in
-/// [`CoarseOptions::hidden`].
+/// time form a colour of their own, unless the number of colours is given or mean colours are grouped. Neighbours are
+/// those that stay near over all `other_times`, so that what only passes by has no say; their opacities are read only
+/// for those in [`CoarseOptions::hidden`].
 ///
 /// # Errors
 /// If an option is out of range.
 ///
 /// # Panics
-/// If `later` has another length.
+/// If `other_times` are of another number of Gaussians.
 pub fn coarse(
     gaussians: &HostGaussians,
-    later: Option<&[f32]>,
+    other_times: Option<&OtherTimes>,
     options: &CoarseOptions,
 ) -> Result<Coarse, PointsError> {
-    if let Some(later) = later {
-        assert_eq!(later.len(), gaussians.len(), "later: [N]");
+    let nothing = OtherTimes { means: Vec::new(), opacity: vec![0.0; gaussians.len()] };
+    let other_times = other_times.unwrap_or(&nothing);
+    assert_eq!(other_times.opacity.len(), gaussians.len(), "opacity at other times: [N]");
+    for means in &other_times.means {
+        assert_eq!(means.len(), 3 * gaussians.len(), "means at other times: [N, 3]");
     }
     let (sh, coefficients) = gaussians.material_colours();
     let harmonics = 3 * coefficients;
@@ -123,20 +127,19 @@ pub fn coarse(
     let too_transparent = options.hidden(gaussians);
     // tests the sum, so that no colour computed from these values overflows either
     let finite = |v: &[f32]| v.iter().map(|v| v.abs()).sum::<f32>().is_finite();
-    let (hidden, shown): (Vec<u32>, Vec<u32>) = (0..gaussians.len() as u32)
+    let (mut hidden, shown): (Vec<u32>, Vec<u32>) = (0..gaussians.len() as u32)
         .filter(|&i| {
             finite(&gaussians.means[3 * i as usize..][..3]) && finite(&sh[i as usize * harmonics..][..harmonics])
         })
         .partition(|&i| too_transparent[i as usize]);
     let not_finite = gaussians.len() - shown.len() - hidden.len();
     let shown = Weighed::new(shown, &opacity);
-    let later = later.map_or_else(Weighed::default, |opacity| {
-        Weighed::new(hidden.into_iter().filter(|&i| opacity[i as usize] > 0.0).collect(), opacity)
-    });
+    hidden.retain(|&i| other_times.opacity[i as usize] > 0.0);
+    let later = Weighed::new(hidden, &other_times.opacity);
     let mut rng = Rng::new(options.seed, 0, Purpose::Clusters);
     let mut uniform = || rng.uniform();
     let found = match options.space {
-        ColourSpace::Material => by_material(gaussians, &shown, &later, options, &mut uniform)?,
+        ColourSpace::Material => by_material((gaussians, other_times), &shown, &later, options, &mut uniform)?,
         ColourSpace::Rgb | ColourSpace::Lab => by_mean(gaussians, &shown, &later, options, &mut uniform)?,
     };
     let mut labels = vec![0; gaussians.len()];
@@ -184,7 +187,6 @@ pub fn coarse(
 }
 
 /// Gaussians and their weights.
-#[derive(Default)]
 struct Weighed {
     rows: Vec<u32>,
     weights: Vec<f32>,
@@ -205,7 +207,7 @@ struct Found {
 }
 
 fn by_material(
-    gaussians: &HostGaussians,
+    (gaussians, other_times): (&HostGaussians, &OtherTimes),
     shown: &Weighed,
     later: &Weighed,
     options: &CoarseOptions,
@@ -221,11 +223,15 @@ fn by_material(
         full: rows(&all.full, 1, which),
         certainty: rows(&all.certainty, 1, which),
     };
-    let means = |which: &[u32]| rows(&gaussians.means, 3, which);
-    let mut found = group(&means(&shown.rows), &of(&shown.rows), &shown.weights, options.clusters, uniform)?;
+    let neighbours = |which: &[u32]| {
+        let times: Vec<Vec<f32>> =
+            std::iter::once(&gaussians.means).chain(&other_times.means).map(|means| rows(means, 3, which)).collect();
+        nearest_over_time(&times.iter().map(Vec::as_slice).collect::<Vec<&[f32]>>())
+    };
+    let mut found = group(&neighbours(&shown.rows)?, &of(&shown.rows), &shown.weights, options.clusters, uniform)?;
     let of_later = of(&later.rows);
     if options.clusters.is_none() {
-        found.add_unseen(&means(&later.rows), &of_later, &later.weights)?;
+        found.add_unseen(&neighbours(&later.rows)?, &of_later, &later.weights)?;
     }
     Ok(Found { later: found.nearest(&of_later), shown: found.labels, colours: found.colours })
 }

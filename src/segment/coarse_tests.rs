@@ -30,6 +30,11 @@ fn two_balls() -> (HostGaussians, Vec<u32>) {
     (g, truth)
 }
 
+/// Gaussians at rest with these opacities at another time.
+fn visible_later(opacity: Vec<f32>) -> OtherTimes {
+    OtherTimes { means: Vec::new(), opacity }
+}
+
 #[test]
 fn colours_are_separated_and_haze_belongs_to_none() {
     let (g, truth) = two_balls();
@@ -44,7 +49,7 @@ fn colours_are_separated_and_haze_belongs_to_none() {
         assert_eq!(out.labels.last(), Some(&stray), "the stray");
     }
     // haze that is opaque at another time joins the nearest colour
-    let later: Vec<f32> = (0..truth.len()).map(|i| if i % 6 == 2 { 0.02 } else { 0.0 }).collect();
+    let later = visible_later((0..truth.len()).map(|i| if i % 6 == 2 { 0.02 } else { 0.0 }).collect());
     for space in [ColourSpace::Rgb, ColourSpace::Material] {
         let options = CoarseOptions { space, ..CoarseOptions::default() };
         let with = coarse(&g, Some(&later), &options).unwrap();
@@ -137,7 +142,7 @@ fn a_surface_layer_joins_its_body_with_what_is_visible_later_unless_it_is_to_be_
     sphere(-3.0, 1.1, blue, 2.0);
     sphere(3.0, 1.0, blue, 2.0);
     sphere(-3.0, 1.15, blue, -9.0); // visible later
-    let later: Vec<f32> = (0..g.len()).map(|i| if i < 5400 { 0.0 } else { 0.5 }).collect();
+    let later = visible_later((0..g.len()).map(|i| if i < 5400 { 0.0 } else { 0.5 }).collect());
     let labels = |keep_surface_layers: bool| {
         let options = CoarseOptions { keep_surface_layers, ..CoarseOptions::default() };
         let out = coarse(&g, Some(&later), &options).unwrap();
@@ -148,6 +153,38 @@ fn a_surface_layer_joins_its_body_with_what_is_visible_later_unless_it_is_to_be_
     };
     assert_eq!(labels(true), ["red", "blue", "blue", "blue"]);
     assert_eq!(labels(false), ["red", "red", "blue", "red"]);
+}
+
+#[test]
+fn what_a_core_passes_by_stays_with_its_body() {
+    let mut rng = Rng::new(5, 0, Purpose::Custom(0));
+    let mut g = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
+    let mut ball = |count: usize, radius: f32, colour: [f32; 3]| {
+        for _ in 0..count {
+            let place = [0; 3].map(|_| radius * rng.normal());
+            add(&mut g, place, [-3.0; 3]);
+            let first = g.sh.len() - 3;
+            g.sh[first..].copy_from_slice(&colour.map(|c| (c + 0.02 * rng.normal() - 0.5) / C0));
+        }
+    };
+    ball(2000, 0.5, [0.2, 0.7, 0.25]);
+    ball(15, 0.1, [0.34, 0.46, 0.2]); // of the body, in a colour between those of body and core
+    ball(300, 0.1, [0.9, 0.15, 0.15]);
+    // the core goes to and fro
+    let moved = |by: f32| -> Vec<f32> {
+        let of = |(k, v): (usize, &f32)| if k >= 3 * 2015 && k % 3 == 0 { v + by } else { *v };
+        g.means.iter().enumerate().map(of).collect()
+    };
+    let passing = OtherTimes { means: [-0.8, -0.4, 0.0, 0.4, 0.8].map(moved).into(), opacity: vec![0.0; g.len()] };
+    let options = CoarseOptions { outliers: None, ..CoarseOptions::default() };
+    let reds = |found: &Coarse| {
+        let red = 1 + found.palette.iter().position(|p| p.name == "red").unwrap() as u32;
+        [0..2000, 2000..2015, 2015..2315].map(|rows| found.labels[rows].iter().filter(|l| **l == red).count())
+    };
+    let at_once = reds(&coarse(&g, None, &options).unwrap());
+    let over_time = reds(&coarse(&g, Some(&passing), &options).unwrap());
+    assert!(at_once[1] >= 5, "by the neighbours of this time alone: {at_once:?}");
+    assert!(over_time[0] == 0 && over_time[1] == 0 && over_time[2] == 300, "{over_time:?}");
 }
 
 #[test]

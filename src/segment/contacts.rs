@@ -5,6 +5,7 @@ use crate::points::PointsError;
 use crate::points::chunks::point;
 use crate::points::components::largest_scales;
 use crate::points::neighbours::Grid;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 /// Neighbours searched for contacts.
@@ -39,6 +40,11 @@ impl Neighbourhood {
             .map(|(k, square)| (k as usize, square))
             .filter(move |&(k, square)| square <= limit(k).powi(2))
             .map(|(k, _)| k)
+    }
+
+    /// Returns the position of row `n`, world units.
+    pub fn place(&self, n: usize) -> DVec3 {
+        Vec3::from_array(point(&self.means, n)).as_dvec3()
     }
 
     /// Returns the Gaussians `rows` alone.

@@ -5,7 +5,6 @@ use super::material::{Materials, from_plane, to_plane, to_rgb};
 use crate::points::PointsError;
 use crate::points::chunks::map_chunks;
 use crate::points::modes::{ModeConfig, modes, valleys};
-use crate::points::neighbours::Grid;
 use centre::{Centre, Members};
 
 mod centre;
@@ -13,6 +12,8 @@ mod number;
 
 /// Number of neighbours that a Gaussian is averaged with and that vote on it.
 const NEIGHBOURS: usize = 12;
+/// A Gaussian's neighbours; its own index fills missing places.
+pub type Neighbours = [u32; NEIGHBOURS];
 /// Number of times that colours are averaged over similar neighbours.
 const ROUNDS: usize = 3;
 /// Rank, from dark to bright, of the neighbour whose brightness is used: shading only darkens, and outliers are few.
@@ -67,15 +68,19 @@ pub struct MaterialGroups {
 }
 
 impl MaterialGroups {
-    /// Adds the materials that only Gaussians of other times show: M other Gaussians at `means` `[M, 3]` with the
+    /// Adds the materials that only Gaussians of other times show: M other Gaussians with their `neighbours` `[M]`, the
     /// colours `of` and the `opacity` `[M]` of a time at which they are visible. Those on a mode of the joint density
     /// of all colours that is far from every material form a new one.
     ///
     /// # Errors
     /// Slices of the wrong length.
-    pub fn add_unseen(&mut self, means: &[f32], of: &Materials, opacity: &[f32]) -> Result<(), PointsError> {
-        let neighbours = Grid::adaptive(means)?.nearest_of_each();
-        let smooth = Smooth::new(of, opacity, &neighbours);
+    pub fn add_unseen(
+        &mut self,
+        neighbours: &[Neighbours],
+        of: &Materials,
+        opacity: &[f32],
+    ) -> Result<(), PointsError> {
+        let smooth = Smooth::new(of, opacity, neighbours);
         let weights = smooth.weights();
         let all: Vec<f32> = self.smooth.plane.iter().chain(&smooth.plane).flatten().copied().collect();
         let all_weights = [&self.weights[..], &weights].concat();
@@ -108,9 +113,9 @@ impl MaterialGroups {
     }
 }
 
-/// Groups M Gaussians at `means` `[M, 3]` with the colours `of` and `opacity` `[M]`, all finite, by material.
+/// Groups M Gaussians with their `neighbours` `[M]`, the colours `of` and `opacity` `[M]`, all finite, by material.
 ///
-/// Each colour is averaged over similar ones among the nearest neighbours, which reduces noise and identifies Gaussians
+/// Each colour is averaged over similar ones among the neighbours, which reduces noise and identifies Gaussians
 /// whose colour their neighbours do not share. Materials are the modes of the density of colours, weighted by opacity,
 /// certainty and similarity to the neighbours; greys are separated by lightness where that leaves a clear gap. With
 /// `clusters`, groups are joined or halved until there are that many. Each Gaussian then gets the material that it and
@@ -120,7 +125,7 @@ impl MaterialGroups {
 /// # Errors
 /// Slices of the wrong length; `clusters` of 0.
 pub fn group(
-    means: &[f32],
+    neighbours: &[Neighbours],
     of: &Materials,
     opacity: &[f32],
     clusters: Option<usize>,
@@ -129,8 +134,7 @@ pub fn group(
     if clusters == Some(0) {
         return Err(PointsError::Setting { field: "clusters", value: "0".into(), want: "at least 1" });
     }
-    let neighbours = Grid::adaptive(means)?.nearest_of_each();
-    let smooth = Smooth::new(of, opacity, &neighbours);
+    let smooth = Smooth::new(of, opacity, neighbours);
     let weights = smooth.weights();
     let mut parts = parts(&smooth, &weights)?;
     if parts.is_empty() && !opacity.is_empty() {
@@ -141,7 +145,7 @@ pub fn group(
         parts = number::exactly(parts, wanted, &smooth, &weights, uniform)?;
     }
     let centres: Vec<Centre> = parts.iter().map(|p| Centre::of(p, &smooth, &weights)).collect();
-    let mut labels = vote(&smooth, &centres, &neighbours);
+    let mut labels = vote(&smooth, &centres, neighbours);
     if clusters.is_some() && (1..=centres.len() as u32).any(|k| !labels.contains(&k)) {
         // interleaved halves are voted away, but were requested
         labels = per_row(labels.len(), |i| nearest_label(&centres, smooth.plane[i], smooth.light[i]));
@@ -171,7 +175,7 @@ struct Smooth {
 }
 
 impl Smooth {
-    fn new(of: &Materials, opacity: &[f32], neighbours: &[[u32; NEIGHBOURS]]) -> Self {
+    fn new(of: &Materials, opacity: &[f32], neighbours: &[Neighbours]) -> Self {
         let strength: Vec<f32> = opacity.iter().zip(&of.certainty).map(|(o, c)| o * c).collect();
         let mut plane: Vec<[f32; 2]> = of.chroma.chunks_exact(2).map(|c| to_plane([c[0], c[1]])).collect();
         let mut support = Vec::new();
@@ -267,7 +271,7 @@ fn nearest_label(centres: &[Centre], plane: [f32; 2], light: f32) -> u32 {
 }
 
 /// The material of each Gaussian, `[M]` from 1, by its own colour and those of its neighbours.
-fn vote(smooth: &Smooth, centres: &[Centre], neighbours: &[[u32; NEIGHBOURS]]) -> Vec<u32> {
+fn vote(smooth: &Smooth, centres: &[Centre], neighbours: &[Neighbours]) -> Vec<u32> {
     let votes: Vec<Vec<(usize, f32)>> = per_row(neighbours.len(), |i| {
         candidates(centres, smooth.plane[i], smooth.light[i]).map(|(k, d)| (k, (-0.5 * d).exp())).collect()
     });

@@ -86,7 +86,7 @@ impl Trainers<'_> {
         say("coarse: colours");
         let started = Instant::now();
         let asked = &self.options.coarse;
-        let later = self.scene.opacity_at_other_times(&asked.hidden(self.at), asked.min_opacity);
+        let later = self.scene.at_other_times(&asked.hidden(self.at), asked.min_opacity);
         let found = coarse(self.at, Some(&later), asked).map_err(|e| e.to_string())?;
         let coarse_seconds = started.elapsed().as_secs_f64();
         seconds.insert(Method::Coarse, coarse_seconds);
@@ -312,7 +312,7 @@ pub fn write_mask_pictures(
     let device = scene.gaussians.means.val().device();
     let at = scene.host_at(time as f32);
     let trainers = Trainers { scene, truth, at: &at, views: &views, options, device: &device };
-    let later = scene.opacity_at_other_times(&options.coarse.hidden(&at), options.coarse.min_opacity);
+    let later = scene.at_other_times(&options.coarse.hidden(&at), options.coarse.min_opacity);
     let coarse = coarse(&at, Some(&later), &options.coarse).map_err(|e| e.to_string())?;
     let (parts, whole) = trainers.groups(&coarse);
     let groups = [parts, whole].concat();

@@ -1,7 +1,7 @@
 //! Clouds of known materials, shaded and with the noise of trained Gaussians.
 
-use crate::model::HostGaussians;
 use crate::model::sh::{C0, basis};
+use crate::model::{HostGaussians, OtherTimes};
 use crate::rng::{Purpose, Rng};
 use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
 use std::f32::consts::PI;
@@ -172,7 +172,8 @@ fn gaussians_of_another_time_join_the_material_of_their_colour() {
     let (mut g, truth) = cloud(&nested(), &PLAIN, 9);
     (0..g.len()).filter(|i| i % 7 == 0).for_each(|i| g.opacity_logits[i] = -9.0);
     let options = CoarseOptions { outliers: None, ..CoarseOptions::default() };
-    let later: Vec<f32> = options.hidden(&g).iter().map(|h| if *h { 0.9 } else { 0.0 }).collect();
+    let opacity = options.hidden(&g).iter().map(|h| if *h { 0.9 } else { 0.0 }).collect();
+    let later = OtherTimes { means: Vec::new(), opacity };
     let found = coarse(&g, Some(&later), &options).unwrap();
     assert_eq!(found.transparent, 0);
     let later: Vec<usize> = (0..g.len()).filter(|i| i % 7 == 0 && truth[*i] > 0).collect();
@@ -192,8 +193,9 @@ fn a_material_invisible_at_this_time_is_found_from_another_time() {
     let (mut g, truth) = cloud(&nested(), &PLAIN, 10);
     let core = |i: usize| i >= 2500 + 1200;
     (0..g.len()).filter(|&i| core(i)).for_each(|i| g.opacity_logits[i] = -9.0);
-    let later: Vec<f32> = (0..g.len()).map(|i| if core(i) { 0.9 } else { 0.0 }).collect();
-    let of = |later: Option<&[f32]>, clusters| {
+    let opacity = (0..g.len()).map(|i| if core(i) { 0.9 } else { 0.0 }).collect();
+    let later = OtherTimes { means: Vec::new(), opacity };
+    let of = |later: Option<&OtherTimes>, clusters| {
         coarse(&g, later, &CoarseOptions { outliers: None, clusters, ..CoarseOptions::default() }).unwrap()
     };
     let found = of(Some(&later), None);
@@ -204,7 +206,8 @@ fn a_material_invisible_at_this_time_is_found_from_another_time() {
     assert_eq!(of(None, None).palette.len(), 2);
     assert_eq!(of(Some(&later), Some(2)).palette.len(), 2, "the requested number");
     // too few and too faint Gaussians are outliers
-    let faint: Vec<f32> = later.iter().enumerate().map(|(i, o)| if i % 20 == 0 { 0.05 * o } else { 0.0 }).collect();
+    let opacity = (0..).zip(&later.opacity).map(|(i, o)| if i % 20 == 0 { 0.05 * o } else { 0.0 }).collect();
+    let faint = OtherTimes { opacity, ..OtherTimes::default() };
     assert_eq!(of(Some(&faint), None).palette.len(), 2);
 }
 
