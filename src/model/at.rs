@@ -189,6 +189,9 @@ mod tests {
             }
             assert!(found.iter().any(|o| *o > 0.0));
             assert!(scene.opacity_at_other_times(&vec![false; n], 0.0).iter().all(|o| *o == 0.0));
+            let other = scene.at_other_times(&asked, 0.5);
+            let means: Vec<Vec<f32>> = PLACES.iter().map(|t| scene.host_at(*t).means).collect();
+            assert_eq!((other.opacity, other.means), (found, if deformed { means } else { Vec::new() }));
             let (which, all) = ([3, 50, 149], scene.host_at(0.3));
             let some = scene.some(&which).at(0.3);
             assert_eq!(

@@ -25,7 +25,7 @@ const SMALL: f64 = 0.02;
 /// more is no layer on the side of its material but the material itself, such as a small core. Layers of trained scenes
 /// hold up to 0.17, surfaces of cores from 0.46: see the results of 2026-11-29.
 const LARGE: [f64; 2] = [0.7, 0.3];
-/// How much a region bends around something. Layers have 0.17 to 0.69, surfaces of cores -0.76 to 0.13.
+/// How much a region bends around something. Layers have 0.09 to 0.69, surfaces of cores -0.76 to 0.13.
 const BEND: f64 = 0.15;
 
 /// Gives layers the material of what they cover. `labels` `[M]`, from 1, are the materials of the Gaussians whose
