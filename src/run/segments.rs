@@ -278,8 +278,8 @@ impl RunSegments {
         if let Some(clusters) = options.clusters {
             check_clusters(clusters, n, "the scene has", 3)?;
         }
-        let later = run.scene.at_other_times(&options.hidden(at), options.min_opacity);
-        let found = coarse(at, Some(&later), options).map_err(RunError::input)?;
+        let other_times = options.other_times(&run.scene, at);
+        let found = coarse(at, Some(&other_times), options).map_err(RunError::input)?;
         let all = by_colour(run, &found, time)?;
         if !all.segments.is_empty() {
             self.change("coarse", all.segments);

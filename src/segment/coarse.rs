@@ -7,7 +7,7 @@ use super::material::{Materials, materials};
 use super::material_groups::group;
 use super::palette::{PaletteEntry, name_colours, name_materials};
 use super::pieces::{Touch, pieces};
-use crate::model::{HostGaussians, OtherTimes};
+use crate::model::{HostGaussians, OtherTimes, Scene};
 use crate::points::PointsError;
 use crate::points::kmeans::{KMeansConfig, kmeans, nearest};
 use crate::points::moving::nearest_over_time;
@@ -64,10 +64,25 @@ impl Default for CoarseOptions {
 }
 
 impl CoarseOptions {
-    /// Returns which of `gaussians` are too transparent at their time to define colours, `[N]`: [`coarse`] needs the
-    /// opacity at other times of these alone.
+    /// Returns what [`coarse`] reads of the other times of a `scene` whose Gaussians it groups `at` one time: opacities
+    /// of those hidden at this time, and, if materials are grouped, positions of all.
+    ///
+    /// # Panics
+    /// If `at` is of another number of Gaussians.
     #[must_use]
-    pub fn hidden(&self, gaussians: &HostGaussians) -> Vec<bool> {
+    pub fn other_times(&self, scene: &Scene, at: &HostGaussians) -> OtherTimes {
+        let hidden = self.hidden(at);
+        match self.space {
+            ColourSpace::Material => scene.at_other_times(&hidden, self.min_opacity),
+            ColourSpace::Rgb | ColourSpace::Lab => {
+                let opacity = scene.opacity_at_other_times(&hidden, self.min_opacity);
+                OtherTimes { opacity, ..OtherTimes::default() }
+            }
+        }
+    }
+
+    /// Returns which of `gaussians` are too transparent at their time to define colours, `[N]`.
+    pub(super) fn hidden(&self, gaussians: &HostGaussians) -> Vec<bool> {
         gaussians.opacity().iter().map(|o| o.is_nan() || *o < self.min_opacity).collect()
     }
 }
@@ -102,8 +117,7 @@ impl Coarse {
 /// Groups Gaussians at a time by colour, each weighted by its opacity. Those transparent at this time but not always
 /// join the nearest colour, as a segment may consist of them at another time; those of a material not visible at this
 /// time form a colour of their own, unless the number of colours is given or mean colours are grouped. Neighbours are
-/// those that stay near over all `other_times`, so that what only passes by has no say; their opacities are read only
-/// for those in [`CoarseOptions::hidden`].
+/// those that stay near over all `other_times` ([`CoarseOptions::other_times`]), so that what only passes by has no say.
 ///
 /// # Errors
 /// If an option is out of range.

@@ -1,6 +1,7 @@
 //! Coarse segments of two balls, of a thread, and of non-finite values.
 
 use super::*;
+use crate::model::scene::tests::scene;
 use crate::model::sh::C0;
 use crate::segment::balls::add;
 
@@ -185,6 +186,19 @@ fn what_a_core_passes_by_stays_with_its_body() {
     let over_time = reds(&coarse(&g, Some(&passing), &options).unwrap());
     assert!(at_once[1] >= 5, "by the neighbours of this time alone: {at_once:?}");
     assert!(over_time[0] == 0 && over_time[1] == 0 && over_time[2] == 300, "{over_time:?}");
+}
+
+#[test]
+fn positions_at_other_times_are_computed_only_if_materials_are_grouped() {
+    let scene = scene();
+    let at = scene.host_at(0.3);
+    let of = |space| CoarseOptions { space, ..CoarseOptions::default() }.other_times(&scene, &at);
+    let material = of(ColourSpace::Material);
+    assert_eq!(material.means.iter().map(Vec::len).collect::<Vec<_>>(), [6; 5]);
+    for space in [ColourSpace::Rgb, ColourSpace::Lab] {
+        let other_times = of(space);
+        assert_eq!((other_times.means.len(), other_times.opacity), (0, material.opacity.clone()), "{space:?}");
+    }
 }
 
 #[test]

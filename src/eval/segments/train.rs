@@ -85,9 +85,11 @@ impl Trainers<'_> {
         let mut seconds = HashMap::new();
         say("coarse: colours");
         let started = Instant::now();
-        let asked = &self.options.coarse;
-        let later = self.scene.at_other_times(&asked.hidden(self.at), asked.min_opacity);
-        let found = coarse(self.at, Some(&later), asked).map_err(|e| e.to_string())?;
+        let coloured = |options: &CoarseOptions| {
+            let other_times = options.other_times(self.scene, self.at);
+            coarse(self.at, Some(&other_times), options).map_err(|e| e.to_string())
+        };
+        let found = coloured(&self.options.coarse)?;
         let coarse_seconds = started.elapsed().as_secs_f64();
         seconds.insert(Method::Coarse, coarse_seconds);
         let mut colours = vec![(self.options.coarse, found)];
@@ -95,8 +97,7 @@ impl Trainers<'_> {
             for setting in Setting::tries(Method::Coarse, &self.options.coarse) {
                 let Setting::Coarse(options) = setting else { continue };
                 if !colours.iter().any(|(known, _)| *known == options) {
-                    let found = coarse(self.at, Some(&later), &options).map_err(|e| e.to_string())?;
-                    colours.push((options, found));
+                    colours.push((options, coloured(&options)?));
                 }
             }
         }
@@ -312,8 +313,8 @@ pub fn write_mask_pictures(
     let device = scene.gaussians.means.val().device();
     let at = scene.host_at(time as f32);
     let trainers = Trainers { scene, truth, at: &at, views: &views, options, device: &device };
-    let later = scene.at_other_times(&options.coarse.hidden(&at), options.coarse.min_opacity);
-    let coarse = coarse(&at, Some(&later), &options.coarse).map_err(|e| e.to_string())?;
+    let other_times = options.coarse.other_times(scene, &at);
+    let coarse = coarse(&at, Some(&other_times), &options.coarse).map_err(|e| e.to_string())?;
     let (parts, whole) = trainers.groups(&coarse);
     let groups = [parts, whole].concat();
     if groups.is_empty() {
