@@ -11,7 +11,7 @@ use crate::data::paths::{Lens, Sphere, biased, training_cameras};
 use crate::model::{HostGaussians, Scene};
 use crate::segment::baselines::saga::{self, SagaError, SagaModel};
 use crate::segment::baselines::sagd::SagdView;
-use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
+use crate::segment::coarse::{Coarse, CoarseOptions, ColourSpace, coarse};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::network::Frame;
 use crate::segment::fine::train::{self as fine, FineError};
@@ -85,10 +85,11 @@ impl Trainers<'_> {
         let mut seconds = HashMap::new();
         say("coarse: colours");
         let started = Instant::now();
-        let coloured = |options: &CoarseOptions| {
-            let other_times = options.other_times(self.scene, self.at);
-            coarse(self.at, Some(&other_times), options).map_err(|e| e.to_string())
-        };
+        // the tries differ in the number of colours and the space only: what materials need serves all
+        let materials = CoarseOptions { space: ColourSpace::Material, ..self.options.coarse };
+        let other_times = materials.other_times(self.scene, self.at);
+        let coloured =
+            |options: &CoarseOptions| coarse(self.at, Some(&other_times), options).map_err(|e| e.to_string());
         let found = coloured(&self.options.coarse)?;
         let coarse_seconds = started.elapsed().as_secs_f64();
         seconds.insert(Method::Coarse, coarse_seconds);
