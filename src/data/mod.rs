@@ -1,6 +1,7 @@
 //! Datasets of rendered images: cameras, camera paths, `transforms_*.json`, image sets, splits, visual hulls, ground
 //! truth of segments, and the checks behind `volseggs inspect`. No tensors, no training.
 
+pub mod calibration;
 pub mod camera;
 mod carve;
 pub mod dataset;
@@ -21,6 +22,7 @@ pub mod transforms;
 pub mod truth;
 pub mod truth_volume;
 
+pub use calibration::Calibration;
 pub use camera::Camera;
 pub use dataset::{Dataset, Frame, OpenOptions, Split, SplitName};
 pub use error::DataError;

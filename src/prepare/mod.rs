@@ -18,9 +18,9 @@ pub use record::{PrepareRecord, RecordError};
 pub use segments::{EVEN_STEPS, SegmentOptions, SegmentSteps};
 pub use source::{FileLabels, Source};
 
-use crate::data::DataError;
 use crate::data::dataset::{SplitName, read_split};
 use crate::data::transforms::{FrameRecord, Intrinsics, Transforms};
+use crate::data::{Calibration, DataError};
 use crate::draw::views::view_sheet;
 use crate::files::{AtomicDir, FolderKind, ReplaceError, write_atomic};
 use crate::memory::TooLarge;
@@ -247,6 +247,7 @@ pub fn prepare(
         half_size: placement.half.to_array(),
         spacing: Some(grid.spacing),
         origin: Some(grid.origin),
+        calibration: Calibration::default(),
         steps: source.len(),
         times: uneven_times(source),
         step: options.step,

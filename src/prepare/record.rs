@@ -1,5 +1,6 @@
 //! The record of how a dataset was prepared.
 
+use crate::data::Calibration;
 use crate::files::read_text;
 use crate::words::plain;
 use serde::{Deserialize, Serialize};
@@ -31,6 +32,9 @@ pub struct PrepareRecord {
     /// Position of the centre of the first voxel, in the units of the files; missing in records of old versions.
     #[serde(default)]
     pub origin: Option<[f64; 3]>,
+    /// Physical space and time of the scene.
+    #[serde(default)]
+    pub calibration: Calibration,
     /// Number of steps of the series.
     pub steps: usize,
     /// Time of each step in [0, 1] where they are not evenly spaced; missing in records of old versions.

@@ -7,7 +7,7 @@ use super::report::MeanTimes;
 use super::resume::{AVERAGE, Change};
 use super::{TrainError, Training};
 use crate::config::types::{Config, VOLSEGGS};
-use crate::data::{Dataset, Split};
+use crate::data::{Calibration, Dataset, Split};
 use crate::files::{LockError, RunLock, RunPaths, Work, read_text, write_atomic};
 use crate::log::jsonl::{JsonlWriter, truncate_after};
 use crate::log::progress;
@@ -79,6 +79,9 @@ pub struct RunRecord {
     pub dataset: PathBuf,
     /// Fingerprint of the dataset.
     pub fingerprint: String,
+    /// Physical space and time of the scene, as the dataset gave them.
+    #[serde(default)]
+    pub calibration: Calibration,
     /// `running`, `interrupted` or `complete`.
     pub status: String,
     /// Steps taken.
@@ -234,6 +237,7 @@ pub fn run(
         threads: rayon::current_num_threads(),
         dataset: root,
         fingerprint: fingerprint.clone(),
+        calibration: Calibration::default(),
         status: "running".into(),
         steps: first,
         training_seconds: seconds_before,

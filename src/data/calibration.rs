@@ -1,0 +1,212 @@
+//! Where a scene lies in the physical space and time of its data.
+//!
+//! The axes of a scene are those of physical space, so that directions agree and nothing is mirrored. Positions are
+//! moved to the centre of the data and scaled uniformly, times are mapped to `[0, 1]`:
+//!
+//! ```text
+//! physical position = centre + scale * scene position
+//! physical time     = start + (end - start) * scene time
+//! ```
+//!
+//! A dataset without this record is measured in scene units, which outputs call "normalised".
+
+use serde::{Deserialize, Serialize};
+use std::fmt;
+
+/// Which way the axes x, y, z of physical space point; all are right-handed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AxisConvention {
+    /// Towards a patient's left, back and head (DICOM, ITK, 3D Slicer's files).
+    LeftPosteriorSuperior,
+    /// Towards a patient's right, front and head (NIfTI).
+    RightAnteriorSuperior,
+}
+
+impl AxisConvention {
+    /// The name that NRRD uses: `left-posterior-superior` or `right-anterior-superior`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::LeftPosteriorSuperior => "left-posterior-superior",
+            Self::RightAnteriorSuperior => "right-anterior-superior",
+        }
+    }
+}
+
+impl fmt::Display for AxisConvention {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// The physical space of a scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PhysicalSpace {
+    /// The physical position of the scene's origin, in `unit`.
+    pub centre: [f64; 3],
+    /// Length of one scene unit, in `unit`; finite and positive.
+    pub scale: f64,
+    /// Unit of length as the data name it, such as `mm`; `None` where they do not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+    /// What the axes mean; `None` where the data do not say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axes: Option<AxisConvention>,
+}
+
+impl PhysicalSpace {
+    /// The physical position of a point of the scene.
+    #[must_use]
+    pub fn position(&self, scene: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|a| self.centre[a] + self.scale * scene[a])
+    }
+
+    /// The point of the scene at a physical position.
+    #[must_use]
+    pub fn to_scene(&self, position: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|a| (position[a] - self.centre[a]) / self.scale)
+    }
+
+    /// The unit of length in words: the data's, or `data units` where they name none.
+    #[must_use]
+    pub fn unit_name(&self) -> &str {
+        self.unit.as_deref().unwrap_or("data units")
+    }
+}
+
+/// The physical time of a scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PhysicalTime {
+    /// Time of the first step, in `unit`.
+    pub start: f64,
+    /// Time of the last step, in `unit`; above `start`.
+    pub end: f64,
+    /// Unit of time as the data name it, such as `s`; `None` where they do not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
+}
+
+impl PhysicalTime {
+    /// The physical time of a scene time in `[0, 1]`.
+    #[must_use]
+    pub fn time(&self, scene: f64) -> f64 {
+        // exact at both ends
+        self.start * (1.0 - scene) + self.end * scene
+    }
+
+    /// The scene time of a physical time; outside `[0, 1]` before the first or after the last step.
+    #[must_use]
+    pub fn to_scene(&self, time: f64) -> f64 {
+        (time - self.start) / (self.end - self.start)
+    }
+
+    /// The unit of time in words: the data's, or `data time units` where they name none.
+    #[must_use]
+    pub fn unit_name(&self) -> &str {
+        self.unit.as_deref().unwrap_or("data time units")
+    }
+}
+
+/// Physical space and time of a scene. Written by `prepare` into `prepare.json`, kept by training in `run.json`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Calibration {
+    /// Physical space; `None` where it is unknown, so that lengths are normalised.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub space: Option<PhysicalSpace>,
+    /// Physical time; `None` where it is unknown (steps without time values, a single step), so that times are
+    /// normalised.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time: Option<PhysicalTime>,
+}
+
+/// Where lengths or times have no physical unit.
+pub const NORMALISED: &str = "normalised";
+
+impl Calibration {
+    /// The physical position of a point of the scene, or the point itself if space is normalised.
+    #[must_use]
+    pub fn position(&self, scene: [f64; 3]) -> [f64; 3] {
+        self.space.as_ref().map_or(scene, |s| s.position(scene))
+    }
+
+    /// Length of one scene unit; 1 if space is normalised.
+    #[must_use]
+    pub fn length_scale(&self) -> f64 {
+        self.space.as_ref().map_or(1.0, |s| s.scale)
+    }
+
+    /// Duration of the scene's times from 0 to 1; 1 if time is normalised.
+    #[must_use]
+    pub fn duration(&self) -> f64 {
+        self.time.as_ref().map_or(1.0, |t| t.end - t.start)
+    }
+
+    /// The physical time of a scene time, or that time itself if it is normalised.
+    #[must_use]
+    pub fn time(&self, scene: f64) -> f64 {
+        self.time.as_ref().map_or(scene, |t| t.time(scene))
+    }
+
+    /// Factor from scene units per scene time to physical speed.
+    #[must_use]
+    pub fn speed_scale(&self) -> f64 {
+        self.length_scale() / self.duration()
+    }
+
+    /// The unit of lengths in words, [`NORMALISED`] where there is none.
+    #[must_use]
+    pub fn length_unit(&self) -> &str {
+        self.space.as_ref().map_or(NORMALISED, PhysicalSpace::unit_name)
+    }
+
+    /// The unit of times in words, [`NORMALISED`] where there is none.
+    #[must_use]
+    pub fn time_unit(&self) -> &str {
+        self.time.as_ref().map_or(NORMALISED, PhysicalTime::unit_name)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn calibration() -> Calibration {
+        let space = PhysicalSpace {
+            centre: [1000.0, -5.0, 3.5],
+            scale: 72.0,
+            unit: Some("mm".into()),
+            axes: Some(AxisConvention::RightAnteriorSuperior),
+        };
+        let time = PhysicalTime { start: 100.0, end: 350.0, unit: None };
+        Calibration { space: Some(space), time: Some(time) }
+    }
+
+    #[test]
+    fn positions_and_times_go_there_and_back() {
+        let c = calibration();
+        let (space, time) = (c.space.as_ref().unwrap(), c.time.as_ref().unwrap());
+        let p = c.position([0.25, -0.5, 1.0]);
+        assert_eq!(p, [1018.0, -41.0, 75.5]);
+        assert_eq!(space.to_scene(p), [0.25, -0.5, 1.0]);
+        assert_eq!([0.0, 0.5, 1.0].map(|t| c.time(t)), [100.0, 225.0, 350.0]);
+        assert_eq!(time.to_scene(225.0), 0.5);
+        assert_eq!((c.length_scale(), c.duration(), c.speed_scale()), (72.0, 250.0, 72.0 / 250.0));
+        assert_eq!((c.length_unit(), c.time_unit()), ("mm", "data time units"));
+    }
+
+    #[test]
+    fn nothing_known_is_normalised() {
+        let c = Calibration::default();
+        assert_eq!((c.position([1.0, 2.0, 3.0]), c.time(0.3), c.speed_scale()), ([1.0, 2.0, 3.0], 0.3, 1.0));
+        assert_eq!((c.length_unit(), c.time_unit()), (NORMALISED, NORMALISED));
+        assert_eq!(serde_json::to_string(&c).unwrap(), "{}");
+    }
+
+    #[test]
+    fn records_read_back() {
+        let json = serde_json::to_string(&calibration()).unwrap();
+        assert!(json.contains("\"right-anterior-superior\""));
+        assert_eq!(serde_json::from_str::<Calibration>(&json).unwrap(), calibration());
+    }
+}
