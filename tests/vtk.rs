@@ -18,7 +18,7 @@ const SIZE: u32 = 200;
 
 /// A sum of Gaussians on a grid of unequal spacing.
 fn volume() -> Volume {
-    let grid = Grid { dims: [64, 56, 40], spacing: [1.0, 1.0, 1.5], origin: [0.0; 3] };
+    let grid = Grid::aligned([64, 56, 40], [1.0, 1.0, 1.5], [0.0; 3]);
     let blobs: [([f64; 3], f64, f64); 5] = [
         ([-0.3, -0.2, 0.1], 0.28, 1.0),
         ([0.35, 0.1, -0.2], 0.22, 0.9),

@@ -36,7 +36,7 @@ pub(super) fn inspect_volume(
     let (series, gap) = match Series::open(&inputs, &options) {
         Ok(series) => (series, None),
         Err(e) => {
-            let options = SeriesOptions { allow_gaps: true, ..options };
+            let options = SeriesOptions { allow_gaps: true, ignore_origin: true, ..options };
             (Series::open(&inputs, &options)?, Some(e.to_string()))
         }
     };
@@ -58,16 +58,27 @@ pub(super) fn inspect_volume(
         }
         None => None,
     };
+    let physical = series.physical();
+    let orientation = grid.directions.code(physical.axes);
     if as_json {
         print_json(&json!({
             "kind": "volume", "steps": series.len(), "dims": grid.dims, "spacing": grid.spacing,
-            "origin": grid.origin, "type": series.scalar().name(), "range": range,
+            "origin": grid.origin, "directions": grid.directions, "orientation": orientation, "axes": physical.axes,
+            "length_unit": physical.length_unit, "time_values": series.time_values(), "time_unit": series.time_unit(),
+            "type": series.scalar().name(), "range": range,
             "not_finite": not_finite, "notes": notes,
         }))?;
     } else {
         outln!("steps    {} ({} .. {})", series.len(), series.name(0), series.name(series.len() - 1));
         outln!("dims     {} x {} x {}", grid.dims[0], grid.dims[1], grid.dims[2]);
-        outln!("spacing  {} x {} x {}", grid.spacing[0], grid.spacing[1], grid.spacing[2]);
+        let unit = physical.length_unit.as_deref().unwrap_or("(no unit)");
+        let [[sx, sy, sz], [ox, oy, oz]] = [grid.spacing, grid.origin];
+        outln!("spacing  {sx} x {sy} x {sz} {unit}");
+        outln!("origin   {ox}, {oy}, {oz}");
+        outln!("axes     {orientation}");
+        if let Some(&[first, .., last]) = series.time_values() {
+            outln!("times    {first} .. {last} {}", series.time_unit().unwrap_or("(no unit)"));
+        }
         outln!("type     {}", series.scalar().name());
         match range {
             Some([low, high]) => outln!("range    {low} .. {high}"),

@@ -94,9 +94,18 @@ pub struct PrepareArgs {
     /// Time of each step, in any unit, ascending; evenly spaced if not given.
     #[arg(long, value_name = "T,...", value_delimiter = ',', value_parser = finite, allow_hyphen_values = true, conflicts_with = "synthetic")]
     time_values: Vec<f64>,
+    /// Unit of --time-values, or instead of the one that a 4D file names, such as s.
+    #[arg(long, value_name = "UNIT", value_parser = unit, conflicts_with = "synthetic")]
+    time_unit: Option<String>,
+    /// Unit of the volume's spacing and origin, such as mm, for formats that name none (or instead of theirs).
+    #[arg(long, value_name = "UNIT", value_parser = unit, conflicts_with = "synthetic")]
+    length_unit: Option<String>,
     /// Accept a series with missing numbers.
     #[arg(long, conflicts_with = "synthetic")]
     allow_gaps: bool,
+    /// Accept a series whose origin changes: every step is placed where the first is.
+    #[arg(long, conflicts_with = "synthetic")]
+    ignore_origin: bool,
     /// Value that replaces NaN and infinite voxels.
     #[arg(long, value_name = "VALUE", value_parser = finite_f32, allow_hyphen_values = true, conflicts_with = "synthetic")]
     nan: Option<f32>,
@@ -195,6 +204,9 @@ impl PrepareArgs {
             nan_as: self.nan,
             allow_gaps: self.allow_gaps,
             times: (!self.time_values.is_empty()).then(|| self.time_values.clone()),
+            length_unit: self.length_unit.clone(),
+            time_unit: self.time_unit.clone(),
+            ignore_origin: self.ignore_origin,
         };
         let series = Series::open(&self.volume, &options)?;
         let labels = if let Some(parts) = self.components.labels(&series)? {
@@ -207,7 +219,7 @@ impl PrepareArgs {
             }
             FileLabels::None
         } else {
-            let labels = Series::open(&self.labels, &options)?;
+            let labels = Series::open(&self.labels, &SeriesOptions { length_unit: None, time_unit: None, ..options })?;
             if labels.len() != series.len() || labels.grid().dims != series.grid().dims {
                 return Err(CliError::input(format!(
                     "--labels: {} steps of {:?} voxels, but the volumes have {} of {:?}; give labels of the same shape",
@@ -217,6 +229,12 @@ impl PrepareArgs {
                     series.grid().dims
                 )));
             }
+            labels.lies_on(series.grid(), series.physical().axes).map_err(|problem| {
+                let name = labels.name(0);
+                CliError::input(format!(
+                    "--labels: {name} has {problem} as the volumes; resample the labels to the grid of the volumes"
+                ))
+            })?;
             FileLabels::Files { series: Box::new(labels), names: self.label_names.clone() }
         };
         Ok(Source::Files { series: Box::new(series), labels })
@@ -281,6 +299,16 @@ fn image_size(text: &str) -> Result<[u32; 2], String> {
         None => pixels(text).map(|n| [n, n]),
     };
     size.map_err(|wanted| format!("{wanted}, or two such as 640x480"))
+}
+
+/// A name of a unit as it may stand in headers and tables.
+fn unit(text: &str) -> Result<String, String> {
+    let text = text.trim();
+    let plain =
+        !text.is_empty() && text.chars().count() <= 32 && !text.chars().any(|c| c.is_control() || "\"\\,".contains(c));
+    plain
+        .then(|| text.to_owned())
+        .ok_or_else(|| "expected a short name such as mm, without quotes or commas".to_owned())
 }
 
 fn fov(text: &str) -> Result<f64, String> {

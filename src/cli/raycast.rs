@@ -55,7 +55,13 @@ impl RaycastArgs {
             Some(folder) => folder.clone(),
             None => dataset_of(&self.run)?,
         };
-        let options = SeriesOptions { nan_as: self.nan, allow_gaps: self.allow_gaps, times: None };
+        // an origin that changes is no matter for the cost
+        let options = SeriesOptions {
+            nan_as: self.nan,
+            allow_gaps: self.allow_gaps,
+            ignore_origin: true,
+            ..SeriesOptions::default()
+        };
         let (prepared, series) = (Prepared::open(&data)?, Series::open(&self.volume, &options)?);
         // invalid input is reported before anything is measured
         prepared.check(&series)?;

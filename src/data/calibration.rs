@@ -32,6 +32,20 @@ impl AxisConvention {
             Self::RightAnteriorSuperior => "right-anterior-superior",
         }
     }
+
+    /// The letter of where an axis of space leads: forwards or backwards along x, y or z (0, 1, 2).
+    #[must_use]
+    pub fn letter(self, axis: usize, forwards: bool) -> char {
+        let ahead = forwards == (axis > 1 || self == Self::RightAnteriorSuperior);
+        [['L', 'R'], ['P', 'A'], ['I', 'S']][axis][usize::from(ahead)]
+    }
+
+    /// A position or direction in another convention.
+    #[must_use]
+    pub fn convert(self, [x, y, z]: [f64; 3], to: Self) -> [f64; 3] {
+        // adding 0 makes a 0 of -0
+        if self == to { [x, y, z] } else { [-x + 0.0, -y + 0.0, z] }
+    }
 }
 
 impl fmt::Display for AxisConvention {

@@ -8,8 +8,7 @@ mod nrrd;
 mod tests;
 mod vti;
 
-pub use nrrd::Space;
-
+use crate::data::calibration::AxisConvention;
 use crate::files::{MARK, ReplaceError, write_named};
 use crate::volume::grid::Grid;
 use std::path::{Path, PathBuf};
@@ -30,6 +29,10 @@ pub struct NamedLabel {
 pub struct LabelVolume<'a> {
     /// Position of the voxels; `origin` is the centre of the first.
     pub grid: Grid,
+    /// What the axes of space mean; `None` if that is unknown, so that files state nothing. VTK image data cannot.
+    pub axes: Option<AxisConvention>,
+    /// Unit of length, if it is known. VTK image data cannot state it.
+    pub unit: Option<&'a str>,
     /// Labels `[z, y, x]`, x fastest; 0 is none.
     pub ids: &'a [u16],
     /// Every label that occurs, in the order in which viewers list them. Labels that do not occur may be listed too.
@@ -97,9 +100,9 @@ pub enum LabelsError {
 ///
 /// # Errors
 /// [`LabelsError`]; nothing is then written.
-pub fn write_nrrd(path: &Path, volume: &LabelVolume<'_>, space: Space) -> Result<(), LabelsError> {
+pub fn write_nrrd(path: &Path, volume: &LabelVolume<'_>) -> Result<(), LabelsError> {
     let occurring = check(path, volume)?;
-    write(path, nrrd::encode(volume, &occurring, &cells(volume), space))
+    write(path, nrrd::encode(volume, &occurring, &cells(volume)))
 }
 
 /// Writes VTK image data (`.vti`) with the point array `labels`, zlib-compressed, 8-bit if the labels allow. The field
@@ -137,7 +140,7 @@ type Extent = Option<[[usize; 2]; 3]>;
 /// Checks the volume and returns the extent of each named label.
 fn check(path: &Path, volume: &LabelVolume<'_>) -> Result<Vec<Extent>, LabelsError> {
     let bad = |field: String, problem: String| Err(LabelsError::Field { path: path.to_owned(), field, problem });
-    let Grid { dims, spacing, origin } = volume.grid;
+    let Grid { dims, spacing, origin, .. } = volume.grid;
     let count = dims.iter().try_fold(1usize, |n, d| n.checked_mul(*d));
     if count != Some(volume.ids.len()) || volume.ids.is_empty() {
         return Err(LabelsError::Shape { path: path.to_owned(), found: volume.ids.len(), dims });

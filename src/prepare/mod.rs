@@ -14,13 +14,13 @@ mod tests;
 #[cfg(test)]
 mod truth_tests;
 
-pub use record::{PrepareRecord, RecordError};
+pub use record::{PrepareRecord, RecordError, SourceFile};
 pub use segments::{EVEN_STEPS, SegmentOptions, SegmentSteps};
 pub use source::{FileLabels, Source};
 
+use crate::data::DataError;
 use crate::data::dataset::{SplitName, read_split};
 use crate::data::transforms::{FrameRecord, Intrinsics, Transforms};
-use crate::data::{Calibration, DataError};
 use crate::draw::views::view_sheet;
 use crate::files::{AtomicDir, FolderKind, ReplaceError, write_atomic};
 use crate::memory::TooLarge;
@@ -243,13 +243,17 @@ pub fn prepare(
         source: source.describe(),
         transfer_function: transfer.name.clone(),
         span,
+        source_files: source.volumes().iter().map(|file| SourceFile::new(file)).collect(),
         dims: grid.dims,
-        half_size: placement.half.to_array(),
-        spacing: Some(grid.spacing),
-        origin: Some(grid.origin),
-        calibration: Calibration::default(),
+        spacing: grid.spacing,
+        origin: grid.origin,
+        directions: grid.directions,
+        side: options.side,
+        half_size: placement.bounds().max.to_array(),
+        calibration: source.calibration(&placement),
         steps: source.len(),
         times: uneven_times(source),
+        time_values: source.time_values().map(<[f64]>::to_vec),
         step: options.step,
         train_views,
         test_views,

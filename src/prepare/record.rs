@@ -2,6 +2,9 @@
 
 use crate::data::Calibration;
 use crate::files::read_text;
+use crate::volume::directions::Directions;
+use crate::volume::grid::Grid;
+use crate::volume::placement::Placement;
 use crate::words::plain;
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
@@ -22,16 +25,21 @@ pub struct PrepareRecord {
     pub transfer_function: String,
     /// Data values at its two ends.
     pub span: [f64; 2],
-    /// Voxels along x, y, z.
+    /// The files that were read, in order of time, without labels; empty for a synthetic scene.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub source_files: Vec<SourceFile>,
+    /// Voxels along the index axes x, y, z.
     pub dims: [usize; 3],
-    /// Half the size of the volume's box around the origin, scene units.
+    /// Distance between voxel centres along the index axes, in the unit of the files.
+    pub spacing: [f64; 3],
+    /// Physical position of the centre of the first voxel, in the unit of the files.
+    pub origin: [f64; 3],
+    /// Unit vectors of the index axes in physical space.
+    pub directions: Directions,
+    /// Length of the longest side of the volume along its index axes, scene units.
+    pub side: f64,
+    /// Half the size of the box that encloses the volume along the axes of the scene, centred at its origin, scene units.
     pub half_size: [f64; 3],
-    /// Distance between voxel centres along x, y, z, in the units of the files; missing in records of old versions.
-    #[serde(default)]
-    pub spacing: Option<[f64; 3]>,
-    /// Position of the centre of the first voxel, in the units of the files; missing in records of old versions.
-    #[serde(default)]
-    pub origin: Option<[f64; 3]>,
     /// Physical space and time of the scene.
     #[serde(default)]
     pub calibration: Calibration,
@@ -40,6 +48,9 @@ pub struct PrepareRecord {
     /// Time of each step in [0, 1] where they are not evenly spaced; missing in records of old versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub times: Option<Vec<f64>>,
+    /// Time of each step as the files or the user give it, in the unit of the calibration; `None` where it is unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_values: Option<Vec<f64>>,
     /// Distance between samples, in voxels.
     pub step: f64,
     /// Number of images of the training split.
@@ -61,6 +72,22 @@ pub struct PrepareRecord {
     pub peak_memory_bytes: u64,
 }
 
+/// A file from which a dataset was made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SourceFile {
+    /// The path as it was given, or found in a folder or by a pattern that was.
+    pub given: PathBuf,
+    /// The same from the root of the file system.
+    pub absolute: PathBuf,
+}
+
+impl SourceFile {
+    pub(super) fn new(given: &Path) -> Self {
+        let absolute = std::path::absolute(given).unwrap_or_else(|_| given.to_owned());
+        Self { given: given.to_owned(), absolute }
+    }
+}
+
 /// The error for a record that cannot be read.
 #[derive(Debug, Error)]
 #[error("{}: {problem}", path.display())]
@@ -72,6 +99,18 @@ pub struct RecordError {
 }
 
 impl PrepareRecord {
+    /// The grid of the volumes.
+    #[must_use]
+    pub fn grid(&self) -> Grid {
+        Grid { dims: self.dims, spacing: self.spacing, origin: self.origin, directions: self.directions }
+    }
+
+    /// Where the voxels of the volumes are in the scene.
+    #[must_use]
+    pub fn placement(&self) -> Placement {
+        Placement::new(&self.grid(), self.side)
+    }
+
     /// Reads the record of the dataset in `folder`; `None` for a dataset from elsewhere, or a missing folder.
     ///
     /// # Errors

@@ -1,10 +1,13 @@
 //! The source of the steps of a series: volume files, or a synthetic scene.
 
+use crate::data::Calibration;
+use crate::data::calibration::PhysicalTime;
 use crate::data::lineage::{Change, Turn};
 use crate::name::Name;
 use crate::volume::components::{PartChange, PartOptions, Parts, PartsError, part_name};
 use crate::volume::error::VolumeError;
 use crate::volume::grid::{Grid, Labels, Volume};
+use crate::volume::placement::Placement;
 use crate::volume::series::Series;
 use crate::volume::synthetic::Synthetic;
 use crate::volume::transfer::TransferFunction;
@@ -95,6 +98,15 @@ impl Source {
         self.len() == 0
     }
 
+    /// The volume files, in order of time, without labels.
+    #[must_use]
+    pub fn volumes(&self) -> &[PathBuf] {
+        match self {
+            Self::Files { series, .. } => series.files(),
+            Self::Synthetic { .. } => &[],
+        }
+    }
+
     /// The files that are read.
     #[must_use]
     pub fn files(&self) -> Vec<&Path> {
@@ -113,6 +125,27 @@ impl Source {
             Self::Files { series, .. } => series.time(step),
             Self::Synthetic { steps, .. } => step as f64 / (steps - 1).max(1) as f64,
         }
+    }
+
+    /// The time of each step as the files or the user give it; `None` where it is unknown.
+    #[must_use]
+    pub fn time_values(&self) -> Option<&[f64]> {
+        match self {
+            Self::Files { series, .. } => series.time_values(),
+            Self::Synthetic { .. } => None,
+        }
+    }
+
+    /// Physical space and time of the scene in which the volumes are placed; none of a synthetic scene.
+    #[must_use]
+    pub fn calibration(&self, placement: &Placement) -> Calibration {
+        let Self::Files { series, .. } = self else { return Calibration::default() };
+        let unit = || series.time_unit().map(str::to_owned);
+        let time = match series.time_values() {
+            Some(&[start, .., end]) => Some(PhysicalTime { start, end, unit: unit() }),
+            _ => None,
+        };
+        Calibration { space: Some(placement.space(series.physical())), time }
     }
 
     /// The grid of every step.

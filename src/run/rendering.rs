@@ -10,7 +10,6 @@ use crate::files::{RunPaths, read_text};
 use crate::memory::{Budget, peak_memory, product};
 use crate::prepare::PrepareRecord;
 use crate::train::run::RunRecord;
-use crate::volume::placement::Placement;
 use crate::volume::raycast::RayCaster;
 use crate::volume::series::Series;
 use crate::volume::transfer::TransferFunction;
@@ -21,6 +20,8 @@ use std::time::Instant;
 
 /// Bytes per voxel while a volume is read and laid out.
 const VOXEL_BYTES: usize = 16;
+/// Largest difference between components of the directions of axes that are the same.
+const DIRECTION: f64 = 1e-3;
 
 /// A dataset made by `prepare`, with what is needed to draw its volumes again as they were.
 #[derive(Debug)]
@@ -91,7 +92,7 @@ impl Prepared {
     pub fn draw_volumes(&self, series: &Series, views: &Split, steps: usize) -> Result<VolumeCosts, RunError> {
         self.check(series)?;
         let steps = steps.clamp(1, series.len());
-        let placement = Placement::new(series.grid(), 2.0 * self.record.half_size.iter().copied().fold(0.0, f64::max));
+        let placement = self.record.placement();
         let (mut loading, mut drawing, mut drawn) = (0.0, 0.0, 0);
         for k in 0..steps {
             series.files().iter().for_each(|file| forget(file));
@@ -132,6 +133,14 @@ impl Prepared {
                 self.folder.display(),
                 made.steps,
                 made.dims
+            )));
+        }
+        if !series.grid().directions.agree(&made.directions, DIRECTION) {
+            return Err(RunError::input(format!(
+                "--volume: axes along {}, but those of the volumes that {} was made of were along {}; give those",
+                series.grid().directions,
+                self.folder.display(),
+                made.directions
             )));
         }
         let bytes = product(&[dims[0], dims[1], dims[2], VOXEL_BYTES]);

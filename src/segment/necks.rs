@@ -134,10 +134,9 @@ fn grid(body: &HostGaussians) -> Option<Grid> {
     }
     let side = (0..3).map(|a| high[a] - low[a]).fold(f64::NEG_INFINITY, f64::max);
     let cell = side / CELLS as f64;
-    (cell.is_finite() && cell > 0.0).then(|| Grid {
-        dims: std::array::from_fn(|a| ((high[a] - low[a]) / cell).ceil() as usize + 1 + 2 * BORDER),
-        spacing: [cell; 3],
-        origin: low.map(|v| v - BORDER as f64 * cell),
+    (cell.is_finite() && cell > 0.0).then(|| {
+        let dims = std::array::from_fn(|a| ((high[a] - low[a]) / cell).ceil() as usize + 1 + 2 * BORDER);
+        Grid::aligned(dims, [cell; 3], low.map(|v| v - BORDER as f64 * cell))
     })
 }
 

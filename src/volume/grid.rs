@@ -1,22 +1,71 @@
 //! A scalar field and its labels on a regular grid, in memory: one time step. Files are read in `formats`, images made
 //! in `raycast`.
 
-/// The geometry of a regular grid; x is the fastest axis in memory.
+use super::directions::Directions;
+use crate::data::calibration::AxisConvention;
+use glam::{DMat3, DVec3};
+
+/// The geometry of a regular grid; the index axis x is the fastest in memory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
-    /// Number of voxels along x, y, z; each at least 1.
+    /// Number of voxels along the index axes x, y, z; each at least 1.
     pub dims: [usize; 3],
-    /// Distance between voxel centres along x, y, z, in the file's units; finite and positive.
+    /// Distance between voxel centres along the index axes, in the file's units; finite and positive.
     pub spacing: [f64; 3],
-    /// Position of the centre of the first voxel, in the file's units.
+    /// Physical position of the centre of the first voxel, in the file's units.
     pub origin: [f64; 3],
+    /// Unit vectors of the index axes in physical space.
+    pub directions: Directions,
 }
 
 impl Grid {
+    /// A grid whose index axes are those of physical space.
+    #[must_use]
+    pub const fn aligned(dims: [usize; 3], spacing: [f64; 3], origin: [f64; 3]) -> Self {
+        Self { dims, spacing, origin, directions: Directions::ALIGNED }
+    }
+
     /// A grid of unit spacing at the origin.
     #[must_use]
     pub fn unit(dims: [usize; 3]) -> Self {
-        Self { dims, spacing: [1.0; 3], origin: [0.0; 3] }
+        Self::aligned(dims, [1.0; 3], [0.0; 3])
+    }
+
+    /// Whether positions are voxel indices, as in files that say nothing of space.
+    #[must_use]
+    pub fn is_unit(&self) -> bool {
+        *self == Self::unit(self.dims)
+    }
+
+    /// The vectors from a voxel to the next along the index axes, as columns.
+    #[must_use]
+    pub fn steps(&self) -> DMat3 {
+        self.directions.matrix() * DMat3::from_diagonal(DVec3::from_array(self.spacing))
+    }
+
+    /// The physical position of voxel coordinates, in which voxel `i` has its centre at `i`.
+    #[must_use]
+    pub fn position(&self, index: DVec3) -> DVec3 {
+        DVec3::from_array(self.origin) + self.steps() * index
+    }
+
+    /// The voxel coordinates of a physical position.
+    #[must_use]
+    pub fn index(&self, position: DVec3) -> DVec3 {
+        self.steps().inverse() * (position - DVec3::from_array(self.origin))
+    }
+
+    /// The physical position of the middle of the box between the outermost voxel centres.
+    #[must_use]
+    pub fn centre(&self) -> DVec3 {
+        DVec3::from_array(self.origin) + self.directions.matrix() * (0.5 * DVec3::from_array(self.size()))
+    }
+
+    /// The same voxels at the same places, described in another convention of the axes of space.
+    #[must_use]
+    pub fn converted(self, from: AxisConvention, to: AxisConvention) -> Self {
+        let directions = self.directions.converted(from, to);
+        Self { origin: from.convert(self.origin, to), directions, ..self }
     }
 
     /// Number of voxels.
@@ -31,7 +80,7 @@ impl Grid {
         self.len() == 0
     }
 
-    /// Distance between the first and the last voxel centre along x, y, z.
+    /// Distance between the first and the last voxel centre along the index axes.
     #[must_use]
     pub fn size(&self) -> [f64; 3] {
         std::array::from_fn(|a| self.dims[a].saturating_sub(1) as f64 * self.spacing[a])
@@ -107,6 +156,40 @@ impl ScalarType {
             Self::I64 => "i64",
             Self::F32 => "f32",
             Self::F64 => "f64",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use AxisConvention::{LeftPosteriorSuperior as Lps, RightAnteriorSuperior as Ras};
+    use glam::DQuat;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn indices_go_to_positions_and_back(
+            axis in prop::array::uniform3(-1.0..1.0f64), angle in 0.0..7.0f64, mirror: bool,
+            spacing in prop::array::uniform3(1e-3..1e3f64), origin in prop::array::uniform3(-1e4..1e4f64),
+            index in prop::array::uniform3(-10.0..500.0f64),
+        ) {
+            let turn = DMat3::from_quat(DQuat::from_axis_angle(DVec3::from_array(axis).normalize_or(DVec3::X), angle));
+            let mut steps = turn.to_cols_array_2d();
+            if mirror {
+                steps[1] = steps[1].map(|v| -v);
+            }
+            let (directions, _) = Directions::of_steps(steps).unwrap();
+            let grid = Grid { dims: [5, 7, 3], spacing, origin, directions };
+            let index = DVec3::from_array(index);
+            let place = grid.position(index);
+            prop_assert!((grid.index(place) - index).length() < 1e-6, "{}", grid.index(place));
+            let middle = grid.position(DVec3::new(2.0, 3.0, 1.0));
+            prop_assert!((middle - grid.centre()).length() < 1e-9 * (1.0 + middle.length()));
+            let other = grid.converted(Ras, Lps);
+            let [x, y, z] = place.to_array();
+            prop_assert!((other.position(index) - DVec3::new(-x, -y, z)).length() < 1e-9 * (1.0 + place.length()));
+            prop_assert_eq!(other.converted(Lps, Ras), grid);
         }
     }
 }

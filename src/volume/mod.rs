@@ -2,6 +2,7 @@
 //! datasets beyond the camera, and nothing of models.
 
 pub mod components;
+pub mod directions;
 pub mod error;
 pub mod formats;
 pub mod grid;

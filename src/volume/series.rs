@@ -3,26 +3,27 @@
 
 mod inputs;
 mod names;
+mod place;
 #[cfg(test)]
 mod tests;
+mod times;
 
 use crate::volume::error::VolumeError;
 use crate::volume::formats;
 use crate::volume::grid::{Grid, Labels, ScalarType, Volume};
-use crate::volume::source::{Header, VolumeFile};
+use crate::volume::source::{Header, Physical, VolumeFile};
+use place::compare;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use times::Times;
 
 /// Voxels scanned by one task.
 const CHUNK: usize = 1 << 16;
 
 /// Maximum number of values of small steps that are read together.
 const MAX_TOGETHER: usize = 1 << 24;
-
-/// Maximum relative difference between the spacings of two files.
-const SPACING_TOLERANCE: f64 = 1e-6;
 
 /// How a series is assembled.
 #[derive(Clone, Debug, Default)]
@@ -32,8 +33,15 @@ pub struct SeriesOptions {
     pub nan_as: Option<f32>,
     /// Accept missing numbers in file names.
     pub allow_gaps: bool,
-    /// The time of each step in any unit, strictly increasing; `None` spaces the steps evenly.
+    /// The time of each step in any unit, strictly increasing; `None` takes those of the file, or spaces the steps
+    /// evenly.
     pub times: Option<Vec<f64>>,
+    /// Unit of length, instead of the one that the files name.
+    pub length_unit: Option<String>,
+    /// Unit of time, instead of the one that the file names.
+    pub time_unit: Option<String>,
+    /// Accept files at different places: all are taken to be where the first is.
+    pub ignore_origin: bool,
 }
 
 /// The values of a series, over all steps.
@@ -53,7 +61,7 @@ type Kept = (usize, Arc<dyn VolumeFile>);
 pub struct Series {
     files: Vec<PathBuf>,
     header: Header,
-    times: Vec<f64>,
+    times: Times,
     notes: Vec<String>,
     nan_as: Option<f32>,
     kept: Mutex<Option<Kept>>,
@@ -66,7 +74,7 @@ impl Series {
     ///
     /// # Errors
     /// No file, files out of order, a missing or repeated step, files on different grids, a 4D file among others,
-    /// invalid times, or a file that cannot be read.
+    /// invalid times, a unit of unknown times, or a file that cannot be read.
     pub fn open(inputs: &[String], options: &SeriesOptions) -> Result<Self, VolumeError> {
         let files = inputs::expand(inputs)?;
         let gaps = inputs::check_order(inputs, &files, options)?;
@@ -75,13 +83,13 @@ impl Series {
             return Err(VolumeError::invalid(&files[0], "--nan", problem, "give a finite number"));
         }
         let first: Arc<dyn VolumeFile> = Arc::from(formats::open(&files[0])?);
-        let header = first.header().clone();
+        let mut header = first.header().clone();
         let mut notes = Notes::default();
         notes.add(&files[0], &header.notes);
         let mut mixed = false;
         for file in &files[1..] {
             let other = formats::open(file)?;
-            compare(&files[0], &header, file, other.header(), &mut notes)?;
+            compare(&files[0], &header, file, other.header(), options.ignore_origin, &mut notes)?;
             mixed |= other.header().scalar != header.scalar;
         }
         let mut notes = notes.lines();
@@ -92,7 +100,8 @@ impl Series {
             notes.push("numbers are missing in the file names, the steps are assumed evenly spaced in time".into());
         }
         let steps = if files.len() == 1 { header.steps } else { files.len() };
-        let times = normalised(&files[0], steps, options.times.as_deref())?;
+        let times = Times::new(&files[0], steps, options, &header.physical, &mut notes)?;
+        times::replace("--length-unit", &mut header.physical.length_unit, &options.length_unit, &mut notes);
         let kept = Mutex::new(Some((0, first)));
         Ok(Self { files, header, times, notes, nan_as: options.nan_as, kept, scan: OnceLock::new() })
     }
@@ -107,13 +116,31 @@ impl Series {
     #[must_use]
     #[expect(clippy::len_without_is_empty, reason = "a series is never empty")]
     pub fn len(&self) -> usize {
-        self.times.len()
+        self.times.scene.len()
     }
 
     /// The grid of every step.
     #[must_use]
     pub fn grid(&self) -> &Grid {
         &self.header.grid
+    }
+
+    /// What the grid is in.
+    #[must_use]
+    pub fn physical(&self) -> &Physical {
+        &self.header.physical
+    }
+
+    /// The time of each step, ascending, in the unit of [`Series::time_unit`]; `None` where it is unknown.
+    #[must_use]
+    pub fn time_values(&self) -> Option<&[f64]> {
+        self.times.values.as_deref()
+    }
+
+    /// The unit of time, if it is named.
+    #[must_use]
+    pub fn time_unit(&self) -> Option<&str> {
+        self.times.unit.as_deref()
     }
 
     /// How the first file stores values.
@@ -133,7 +160,7 @@ impl Series {
     /// The time of a step in `[0, 1]`: 0 the first, 1 the last; 0 for a single step. NaN beyond the last step.
     #[must_use]
     pub fn time(&self, step: usize) -> f64 {
-        self.times.get(step).copied().unwrap_or(f64::NAN)
+        self.times.scene.get(step).copied().unwrap_or(f64::NAN)
     }
 
     /// What the user should know about the files, one sentence each.
@@ -321,49 +348,6 @@ fn offenders(values: &[f32], bad: impl Fn(f32) -> bool + Sync) -> Option<(usize,
     let found = values.par_chunks(CHUNK).enumerate().map(part);
     let (count, first) = found.reduce(|| (0, usize::MAX), |a, b| (a.0 + b.0, a.1.min(b.1)));
     (count > 0).then_some((count, first))
-}
-
-fn compare(first: &Path, header: &Header, path: &Path, other: &Header, notes: &mut Notes) -> Result<(), VolumeError> {
-    let (a, b) = (&header.grid, &other.grid);
-    let differ = |field: &str, ours: String, theirs: String| {
-        let problem = format!("is {ours}, but {theirs} in {}", first.display());
-        let hint = "a series needs one grid: resample the files or omit those that differ";
-        Err(VolumeError::invalid(path, field, problem, hint))
-    };
-    if let Some(steps) = [header.steps, other.steps].into_iter().find(|&s| s > 1) {
-        let problem = format!("of the files {} and {}, one has {steps} steps", first.display(), path.display());
-        return Err(VolumeError::invalid(path, "steps", problem, "give one 4D file alone, or files of one step each"));
-    }
-    if a.dims != b.dims {
-        return differ("dims", format!("{:?}", b.dims), format!("{:?}", a.dims));
-    }
-    if (0..3).any(|i| (a.spacing[i] - b.spacing[i]).abs() > SPACING_TOLERANCE * a.spacing[i].abs()) {
-        return differ("spacing", format!("{:?}", b.spacing), format!("{:?}", a.spacing));
-    }
-    if a.origin != b.origin {
-        notes.add(path, &["the origin differs from that of the first file, which is used".to_owned()]);
-    }
-    notes.add(path, &other.notes);
-    Ok(())
-}
-
-fn normalised(path: &Path, steps: usize, times: Option<&[f64]>) -> Result<Vec<f64>, VolumeError> {
-    let last = steps.saturating_sub(1).max(1) as f64;
-    let Some(times) = times else { return Ok((0..steps).map(|i| i as f64 / last).collect()) };
-    let bad = |problem: String, hint: &str| Err(VolumeError::invalid(path, "times", problem, hint));
-    if times.len() != steps {
-        return bad(format!("{} times are given for {steps} steps", times.len()), "give one time for each step");
-    }
-    if let Some(i) = (0..steps).find(|&i| !times[i].is_finite() || (i > 0 && times[i] <= times[i - 1])) {
-        let problem = format!("time {i}, {}, is not finite or not above the previous one", times[i]);
-        return bad(problem, "give finite, increasing times");
-    }
-    let (t0, t1) = (times[0], times[steps - 1]);
-    // Halves keep the difference of huge times finite.
-    let half = if (t1 - t0).is_finite() { 1.0 } else { 0.5 };
-    let span = t1 * half - t0 * half;
-    let time = |t: &f64| if steps == 1 { 0.0 } else { ((t * half - t0 * half) / span).clamp(0.0, 1.0) };
-    Ok(times.iter().map(time).collect())
 }
 
 /// Notes on files, each text once with the first file it concerns.

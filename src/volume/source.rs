@@ -2,7 +2,33 @@
 
 use super::error::VolumeError;
 use super::grid::{Grid, ScalarType};
+use crate::data::calibration::AxisConvention;
 use std::ops::Range;
+
+/// The unit of positions in files that say nothing of the distance between voxels.
+pub const VOXELS: &str = "voxels";
+
+/// What a file says of the physical space and time that its grid and steps are in.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Physical {
+    /// Unit of length as the file names it, such as `mm`, or [`VOXELS`]; `None` where it names none.
+    pub length_unit: Option<String>,
+    /// What the axes of space mean; `None` where the file does not say.
+    pub axes: Option<AxisConvention>,
+    /// The time of the steps of a file of many; `None` where it is unknown.
+    pub time: Option<TimeAxis>,
+}
+
+/// Times of evenly spaced steps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TimeAxis {
+    /// Time of the first step, finite.
+    pub start: f64,
+    /// Time between steps, finite and above 0.
+    pub step: f64,
+    /// Unit of time as the file names it, such as `s`; `None` where it names none.
+    pub unit: Option<String>,
+}
 
 /// The content of a volume file, known before its values are read.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,7 +39,9 @@ pub struct Header {
     pub scalar: ScalarType,
     /// Number of time steps in the file, at least 1 (a 4D file has more).
     pub steps: usize,
-    /// What the user should know: "orientation ignored", ...
+    /// What the grid's positions and the steps are in.
+    pub physical: Physical,
+    /// What the user should know: "unknown field ignored", ...
     pub notes: Vec<String>,
 }
 

@@ -23,6 +23,10 @@ pub enum Need {
     Vtk,
     /// The Python package `vtk`, with a library of OpenGL that draws without a display.
     VtkRendering,
+    /// The Python package `nibabel`.
+    Nibabel,
+    /// The Python package `pynrrd`.
+    Pynrrd,
     /// The Python package `tensorboard`.
     Tensorboard,
     /// The published dataset, in `VOLSEGGS_TEST_DATA`.
@@ -35,7 +39,7 @@ pub enum Need {
 
 impl Need {
     /// Every need.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 14] = [
         Self::Gpu,
         Self::Cuda,
         Self::Slurm,
@@ -44,6 +48,8 @@ impl Need {
         Self::Coreutils,
         Self::Vtk,
         Self::VtkRendering,
+        Self::Nibabel,
+        Self::Pynrrd,
         Self::Tensorboard,
         Self::Data,
         Self::Weights,
@@ -62,6 +68,8 @@ impl Need {
             Self::Coreutils => "VOLSEGGS_REQUIRE_COREUTILS",
             Self::Vtk => "VOLSEGGS_REQUIRE_VTK",
             Self::VtkRendering => "VOLSEGGS_REQUIRE_VTK_RENDERING",
+            Self::Nibabel => "VOLSEGGS_REQUIRE_NIBABEL",
+            Self::Pynrrd => "VOLSEGGS_REQUIRE_PYNRRD",
             Self::Tensorboard => "VOLSEGGS_REQUIRE_TENSORBOARD",
             Self::Data => "VOLSEGGS_REQUIRE_DATA",
             Self::Weights => "VOLSEGGS_REQUIRE_WEIGHTS",

@@ -273,7 +273,8 @@ fn truth_png() {
 fn prepare_json() {
     fuzz("prepare-json", |_| {
         let seed = r#"{"version": "0.1.0", "source": "jets", "transfer_function": "jets", "span": [0.0, 1.0], "dims": [8, 8, 8],
-            "half_size": [1.0, 1.0, 1.0], "spacing": [1, 1, 1], "origin": null, "steps": 3, "step": 0.5, "train_views": 2,
+            "half_size": [1.0, 1.0, 1.0], "spacing": [1, 1, 1], "origin": [0, 0, 0], "side": 2,
+            "directions": [[1, 0, 0], [0, -1, 0], [0, 0, 1]], "steps": 3, "step": 0.5, "train_views": 2,
             "test_views": 2, "size": [8, 8], "segments": ["a"], "seconds": 1.5, "load_seconds": 0.5, "peak_memory_bytes": 9}"#;
         let read = |bytes: &[u8]| accepted(serde_json::from_slice::<PrepareRecord>(bytes)).is_some();
         Target::new(vec![seed.as_bytes().to_vec()], read)

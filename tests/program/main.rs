@@ -14,6 +14,7 @@ mod labels;
 mod limits;
 mod lpips_convert;
 mod masks;
+mod orientations;
 mod outputs;
 mod pack;
 mod prepare;

@@ -4,12 +4,13 @@
 use super::super::values::not_negative_f32;
 use super::super::{CliError, print_json};
 use super::ExportArgs;
-use crate::export::labels::Space;
+use crate::data::calibration::AxisConvention;
 use crate::log::progress;
 use crate::run::OpenRun;
 use crate::run::export::{LabelFormat, Output, Record, write_labels};
 use crate::run::labels::{Agreement, LabelPlan, Labels, Truth};
 use crate::segment::dice::Confusion;
+use crate::volume::directions::Directions;
 use crate::volume::grid::Grid;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -20,10 +21,10 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Labels on voxels (.nrrd, .vti)")]
 pub(super) struct LabelArgs {
-    /// Voxels along x, y, z; those of the prepared volume if not given.
+    /// Voxels along the axes x, y, z of space, over the box around the volume; those of the prepared volume if not given.
     #[arg(long, value_name = "X,Y,Z", value_parser = voxels, conflicts_with = "like")]
     dims: Option<[usize; 3]>,
-    /// Volume file whose voxel grid to use: dims, spacing and origin.
+    /// Volume file whose voxels to label, at their places: number, spacing, origin and directions.
     #[arg(long, value_name = "VOLUME")]
     like: Option<PathBuf>,
     /// The run's dataset, if it has moved.
@@ -36,7 +37,7 @@ pub(super) struct LabelArgs {
     /// Label the scene with the edits of the run applied; if not given, as trained.
     #[arg(long, conflicts_with = "no_edits")]
     edited: bool,
-    /// Directions of the volume's axes, for NRRD readers that use them.
+    /// Space that an NRRD file states; if not given, that of the data, or none where they name none.
     #[arg(long, value_enum, value_name = "SPACE")]
     space: Option<SpaceName>,
     /// Print Dice scores against the ground truth: label volumes in order of time (the one nearest in time is used), or
@@ -47,11 +48,11 @@ pub(super) struct LabelArgs {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum SpaceName {
-    /// The patient's left, back and head, as in 3D Slicer (the default, but for volumes from NIfTI files).
+    /// Left-posterior-superior, as in DICOM; coordinates of data in RAS are converted.
     Lps,
-    /// The patient's right, front and head, as in NIfTI (the default for volumes from NIfTI files).
+    /// Right-anterior-superior, as in NIfTI; coordinates of data in LPS are converted.
     Ras,
-    /// No anatomical directions.
+    /// State no space, with the coordinates of the data.
     None,
 }
 
@@ -61,12 +62,12 @@ impl LabelArgs {
         LabelPlan { segments, dims, like: self.like.clone(), data: self.data.clone(), threshold, edited }
     }
 
-    /// Directions of the volume's axes, if chosen.
-    pub(super) fn space(&self) -> Option<Space> {
+    /// The meaning of the axes of space that the file states, if chosen.
+    pub(super) fn space(&self) -> Option<Option<AxisConvention>> {
         self.space.map(|name| match name {
-            SpaceName::Lps => Space::LeftPosteriorSuperior,
-            SpaceName::Ras => Space::RightAnteriorSuperior,
-            SpaceName::None => Space::Plain,
+            SpaceName::Lps => Some(AxisConvention::LeftPosteriorSuperior),
+            SpaceName::Ras => Some(AxisConvention::RightAnteriorSuperior),
+            SpaceName::None => None,
         })
     }
 
@@ -99,6 +100,12 @@ struct Report {
     dims: [usize; 3],
     spacing: [f64; 3],
     origin: [f64; 3],
+    directions: Directions,
+    /// The letters of the directions, such as `LPS`.
+    orientation: String,
+    /// What the axes of space mean, and the unit of length; null where the data do not say.
+    axes: Option<AxisConvention>,
+    unit: Option<String>,
     /// Whether the edits of the run are applied.
     edited: bool,
     labels: Vec<Label>,
@@ -169,9 +176,12 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Resu
     bar.finish_and_clear();
     output.finish(&Record::new(run, format.extension(), &times, options.edited, &labels.names), &needed)?;
     let agreement = truth.map(|truth| truth.agreement(&whole, &labels.names));
-    let Grid { dims, spacing, origin } = labels.grid.file;
+    let (Grid { dims, spacing, origin, directions }, axes) = labels.grid.stated(format.space());
+    let (orientation, unit) = (directions.code(axes), labels.grid.unit.clone());
     let labels = labels.listed.iter().map(|l| Label { value: l.value, name: l.name.clone() }).collect();
-    let found = Report { dims, spacing, origin, edited: options.edited, labels, volumes, agreement };
+    let edited = options.edited;
+    let found =
+        Report { dims, spacing, origin, directions, orientation, axes, unit, edited, labels, volumes, agreement };
     if args.common.json { print_json(&found) } else { print(&found) }
 }
 
@@ -210,9 +220,11 @@ fn print(found: &Report) -> Result<(), CliError> {
     let [x, y, z] = found.dims;
     let state = if found.edited { "as edited" } else { "as trained" };
     errln!(
-        "labels of the scene {state} on {x} x {y} x {z} voxels, spacing {:?}, origin {:?}",
+        "labels of the scene {state} on {x} x {y} x {z} voxels, spacing {:?}, origin {:?}, axes {}, unit {}",
         found.spacing,
-        found.origin
+        found.origin,
+        found.orientation,
+        found.unit.as_deref().unwrap_or("unknown")
     );
     for volume in &found.volumes {
         let share = |(label, n): (&Label, &u64)| format!("{} {n}", label.name);

@@ -49,7 +49,7 @@ impl<'a> Cells<'a> {
     /// # Errors
     /// If arrays of the volume do not match its grid, or arrays of `at` disagree.
     pub fn new(volume: &'a TruthVolume, at: &'a HostGaussians) -> Result<Self, VoxelError> {
-        let grid = Grid { dims: volume.dims, spacing: volume.spacing, origin: volume.origin };
+        let grid = Grid::aligned(volume.dims, volume.spacing, volume.origin);
         for (field, found) in [("ids", volume.ids.len()), ("opacity", volume.opacity.len())] {
             if found != grid.len() {
                 return Err(VoxelError::Shape { field, expected: grid.len(), found });

@@ -3,38 +3,35 @@
 use super::{Cells, Extent, LabelVolume};
 use flate2::Compression;
 use flate2::write::GzEncoder;
+use glam::DVec3;
 use std::fmt::Write as _;
 use std::io::{self, Write as _};
 
-/// Directions of the axes x, y, z of the grid.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Space {
-    /// A patient's left, back and head, as 3D Slicer itself writes.
-    #[default]
-    LeftPosteriorSuperior,
-    /// A patient's right, front and head, as in NIfTI.
-    RightAnteriorSuperior,
-    /// No anatomical directions.
-    Plain,
-}
-
 /// Encodes the whole file; `extents` are those of the named labels.
-pub fn encode(volume: &LabelVolume<'_>, extents: &[Extent], cells: &Cells, space: Space) -> io::Result<Vec<u8>> {
-    let mut file = header(volume, extents, cells.wide, space).into_bytes();
+pub fn encode(volume: &LabelVolume<'_>, extents: &[Extent], cells: &Cells) -> io::Result<Vec<u8>> {
+    let mut file = header(volume, extents, cells.wide).into_bytes();
     let mut gzip = GzEncoder::new(&mut file, Compression::default());
     gzip.write_all(&cells.bytes)?;
     gzip.finish()?;
     Ok(file)
 }
 
-fn header(volume: &LabelVolume<'_>, extents: &[Extent], wide: bool, space: Space) -> String {
-    let ([nx, ny, nz], [sx, sy, sz], [ox, oy, oz]) = (volume.grid.dims, volume.grid.spacing, volume.grid.origin);
+fn header(volume: &LabelVolume<'_>, extents: &[Extent], wide: bool) -> String {
+    let [nx, ny, nz] = volume.grid.dims;
     let kind = if wide { "uint16" } else { "uint8" };
-    let space = match space {
-        Space::LeftPosteriorSuperior => "space: left-posterior-superior",
-        Space::RightAnteriorSuperior => "space: right-anterior-superior",
-        Space::Plain => "space dimension: 3",
+    let mut space = match volume.axes {
+        Some(axes) => format!("space: {axes}"),
+        None => "space dimension: 3".to_owned(),
     };
+    if let Some(unit) = volume.unit {
+        let unit: String = unit.chars().filter(|c| !c.is_control() && *c != '"' && *c != '\\').collect();
+        // writing to a string cannot fail
+        let _ = write!(space, "\nspace units: \"{unit}\" \"{unit}\" \"{unit}\"");
+    }
+    let vector = |v: DVec3| format!("({},{},{})", v.x, v.y, v.z);
+    let steps = volume.grid.steps();
+    let [dx, dy, dz] = [steps.x_axis, steps.y_axis, steps.z_axis].map(vector);
+    let origin = vector(DVec3::from_array(volume.grid.origin));
     let comment = volume.comment();
     let mut text = format!(
         "NRRD0004\n\
@@ -43,11 +40,11 @@ fn header(volume: &LabelVolume<'_>, extents: &[Extent], wide: bool, space: Space
          dimension: 3\n\
          {space}\n\
          sizes: {nx} {ny} {nz}\n\
-         space directions: ({sx},0,0) (0,{sy},0) (0,0,{sz})\n\
+         space directions: {dx} {dy} {dz}\n\
          kinds: domain domain domain\n\
          endian: little\n\
          encoding: gzip\n\
-         space origin: ({ox},{oy},{oz})\n"
+         space origin: {origin}\n"
     );
     // Slicer renamed Master to Source; old versions need the former, new ones read both.
     let mut key = |key: &str, value: &str| {

@@ -1,10 +1,13 @@
 //! Tests of what is written, read back with small readers of the two formats, and of what is refused.
 
 use super::*;
+use crate::volume::directions::Directions;
+use crate::volume::series::Series;
 use flate2::read::{GzDecoder, ZlibDecoder};
 use std::io::Read;
 
-const GRID: Grid = Grid { dims: [70, 80, 60], spacing: [0.5, 0.25, 1e-7], origin: [-1.5, 0.0, 2e3] };
+const GRID: Grid = Grid::aligned([70, 80, 60], [0.5, 0.25, 1e-7], [-1.5, 0.0, 2e3]);
+const LPS: Option<AxisConvention> = Some(AxisConvention::LeftPosteriorSuperior);
 
 /// Boxes of labels 1 and `high`; label 3 does not occur.
 fn example(high: u16) -> (Vec<u16>, Vec<NamedLabel>) {
@@ -21,9 +24,9 @@ fn written(high: u16, name: &str) -> Vec<u8> {
     let (ids, names) = example(high);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
-    let volume = LabelVolume { grid: GRID, ids: &ids, names: &names, edited: false };
+    let volume = LabelVolume { grid: GRID, axes: LPS, unit: None, ids: &ids, names: &names, edited: false };
     if name.ends_with("nrrd") {
-        write_nrrd(&path, &volume, Space::default()).unwrap();
+        write_nrrd(&path, &volume).unwrap();
     } else {
         write_vti(&path, &volume).unwrap();
     }
@@ -76,14 +79,38 @@ fn nrrd_holds_the_labels_and_what_slicer_needs() {
 }
 
 #[test]
-fn other_spaces_are_named() {
+fn spaces_directions_and_units_are_stated_where_they_are_known() {
     let (ids, names) = example(2);
-    let volume = LabelVolume { grid: GRID, ids: &ids, names: &names, edited: false };
     let folder = tempfile::tempdir().unwrap();
-    for (space, line) in [(Space::RightAnteriorSuperior, "space: right-ant"), (Space::Plain, "space dimension: 3")] {
-        let path = folder.path().join("x.nrrd");
-        write_nrrd(&path, &volume, space).unwrap();
-        assert!(split(&std::fs::read(&path).unwrap(), b"\n\n").0.contains(line));
+    let directions = Directions::of_steps([[0.0, 0.0, -1.0], [0.8, 0.6, 0.0], [-0.6, 0.8, 0.0]]).unwrap().0;
+    let grid = Grid { directions, spacing: [2.0, 0.5, 1.0], ..GRID };
+    let ras = Some(AxisConvention::RightAnteriorSuperior);
+    for (axes, unit, lines) in [
+        (ras, Some("mm"), ["space: right-anterior-superior", "space units: \"mm\" \"mm\" \"mm\""]),
+        (LPS, Some("a\"b"), ["space: left-posterior-superior", "space units: \"ab\" \"ab\" \"ab\""]),
+        (None, None, ["space dimension: 3", "space directions: (0,0,-2) (0.4,0.3,0) (-0.6,0.8,0)"]),
+    ] {
+        let volume = LabelVolume { grid, axes, unit, ids: &ids, names: &names, edited: false };
+        let [nrrd, vti] = ["x.nrrd", "x.vti"].map(|name| folder.path().join(name));
+        write_nrrd(&nrrd, &volume).unwrap();
+        let bytes = std::fs::read(&nrrd).unwrap();
+        let header = split(&bytes, b"\n\n").0;
+        assert!(lines.iter().all(|line| header.lines().any(|l| l == *line)), "{header}");
+        assert_eq!(header.contains("space units"), unit.is_some());
+        write_vti(&vti, &volume).unwrap();
+        let bytes = std::fs::read(&vti).unwrap();
+        let markup = split(&bytes, b"<AppendedData").0;
+        assert!(markup.contains(r#"Direction="0 0.8 -0.6 0 0.6 0.8 -1 0 0""#), "{markup}");
+        for path in [nrrd, vti] {
+            let series = Series::open(&[path.display().to_string()], &Default::default()).unwrap();
+            assert_eq!(series.grid().dims, grid.dims);
+            let off = series.grid().steps() - grid.steps();
+            assert!(off.to_cols_array().iter().all(|v| v.abs() < 1e-12), "{off}");
+            if path.extension().is_some_and(|e| e == "nrrd") && unit != Some("a\"b") {
+                let physical = series.physical();
+                assert_eq!((physical.axes, physical.length_unit.as_deref()), (axes, unit));
+            }
+        }
     }
 }
 
@@ -125,9 +152,9 @@ fn invalid_and_ambiguous_labels_are_refused() {
     let (ids, names) = example(7);
     let folder = tempfile::tempdir().unwrap();
     let refused = |grid: Grid, ids: &[u16], names: &[NamedLabel]| {
-        let volume = LabelVolume { grid, ids, names, edited: false };
+        let volume = LabelVolume { grid, axes: LPS, unit: None, ids, names, edited: false };
         let error = write_vti(&folder.path().join("x.vti"), &volume).unwrap_err();
-        let other = write_nrrd(&folder.path().join("x.vti"), &volume, Space::Plain).unwrap_err();
+        let other = write_nrrd(&folder.path().join("x.vti"), &volume).unwrap_err();
         assert_eq!(error.to_string(), other.to_string());
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
         error
@@ -149,12 +176,16 @@ fn invalid_and_ambiguous_labels_are_refused() {
     assert!(changed(&|n| n.name = "  ".into()).contains("names[1].name"));
     assert!(changed(&|n| n.colour[2] = f32::NAN).contains("names[1].colour"));
     let nowhere = folder.path().join("none").join("x.vti");
-    let error = write_vti(&nowhere, &LabelVolume { grid: GRID, ids: &ids, names: &names, edited: false }).unwrap_err();
+    let error = write_vti(
+        &nowhere,
+        &LabelVolume { grid: GRID, axes: LPS, unit: None, ids: &ids, names: &names, edited: false },
+    )
+    .unwrap_err();
     assert!(matches!(error, LabelsError::Replace(ReplaceError::NoFolder { .. })));
     let thesis = folder.path().join("thesis.nrrd");
     std::fs::write(&thesis, "a thesis").unwrap();
-    let volume = LabelVolume { grid: GRID, ids: &ids, names: &names, edited: false };
-    let error = write_nrrd(&thesis, &volume, Space::Plain).unwrap_err();
+    let volume = LabelVolume { grid: GRID, axes: LPS, unit: None, ids: &ids, names: &names, edited: false };
+    let error = write_nrrd(&thesis, &volume).unwrap_err();
     assert!(matches!(error, LabelsError::Replace(ReplaceError::Foreign { .. })));
     assert_eq!(std::fs::read(&thesis).unwrap(), b"a thesis");
 }
@@ -165,8 +196,8 @@ fn a_file_says_whether_it_holds_edits_and_gives_way_to_the_next() {
     let folder = tempfile::tempdir().unwrap();
     let [nrrd, vti] = ["l.seg.nrrd", "l.vti"].map(|name| folder.path().join(name));
     for (edited, key, value) in [(false, "edited:=no", "0"), (true, "edited:=yes", "1")] {
-        let volume = LabelVolume { grid: GRID, ids: &ids, names: &names, edited };
-        write_nrrd(&nrrd, &volume, Space::default()).unwrap();
+        let volume = LabelVolume { grid: GRID, axes: LPS, unit: None, ids: &ids, names: &names, edited };
+        write_nrrd(&nrrd, &volume).unwrap();
         write_vti(&vti, &volume).unwrap();
         let bytes = std::fs::read(&nrrd).unwrap();
         let header = split(&bytes, b"\n\n").0;
@@ -178,7 +209,7 @@ fn a_file_says_whether_it_holds_edits_and_gives_way_to_the_next() {
         assert!(markup.contains(&format!(r#"Name="edited" NumberOfTuples="1" format="ascii">{value}<"#)), "{markup}");
         for path in [&nrrd, &vti] {
             let series = [path.display().to_string()];
-            let series = crate::volume::series::Series::open(&series, &Default::default()).unwrap();
+            let series = Series::open(&series, &Default::default()).unwrap();
             assert_eq!(series.load_labels(0).unwrap().ids, ids, "our own readers skip the comment");
         }
     }

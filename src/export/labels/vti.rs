@@ -14,6 +14,13 @@ pub fn encode(volume: &LabelVolume<'_>, cells: &Cells) -> io::Result<Vec<u8>> {
     let [nx, ny, nz] = volume.grid.dims.map(|d| d - 1);
     let ([sx, sy, sz], [ox, oy, oz]) = (volume.grid.spacing, volume.grid.origin);
     let extent = format!("0 {nx} 0 {ny} 0 {nz}");
+    // row by row; readers from before VTK 9 know none, so that it is written only where it says something
+    let direction = if volume.grid.directions.is_aligned() {
+        String::new()
+    } else {
+        let rows = volume.grid.directions.matrix().transpose().to_cols_array();
+        format!(r#" Direction="{}""#, rows.map(|v| v.to_string()).join(" "))
+    };
     let n = volume.names.len();
     let values: Vec<String> = volume.names.iter().map(|l| l.value.to_string()).collect();
     let colours: Vec<String> = volume.names.iter().flat_map(|l| l.colour).map(|c| c.to_string()).collect();
@@ -22,7 +29,7 @@ pub fn encode(volume: &LabelVolume<'_>, cells: &Cells) -> io::Result<Vec<u8>> {
         r#"<?xml version="1.0"?>
 <!-- {comment} -->
 <VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64" compressor="vtkZLibDataCompressor">
-  <ImageData WholeExtent="{extent}" Origin="{ox} {oy} {oz}" Spacing="{sx} {sy} {sz}">
+  <ImageData WholeExtent="{extent}" Origin="{ox} {oy} {oz}" Spacing="{sx} {sy} {sz}"{direction}>
     <FieldData>
       <DataArray type="UInt16" Name="label_values" NumberOfTuples="{n}" format="ascii">{}</DataArray>
       <DataArray type="String" Name="label_names" NumberOfTuples="{n}" format="ascii">{}</DataArray>

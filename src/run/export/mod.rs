@@ -9,7 +9,8 @@ pub use refit::{MEASURED, Refit, RefitPlan};
 use super::labels::Labels;
 use super::selection::Selection;
 use super::{OpenRun, RunError};
-use crate::export::labels::{LabelVolume, LabelsError, Space, write_nrrd, write_vti};
+use crate::data::calibration::AxisConvention;
+use crate::export::labels::{LabelVolume, LabelsError, write_nrrd, write_vti};
 use crate::export::splat_file::SplatFileError;
 use crate::export::{ply, spz};
 use crate::model::Model;
@@ -38,8 +39,8 @@ impl SplatFormat {
 /// The format of a label volume.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LabelFormat {
-    /// For 3D Slicer and others, with the directions of its axes; those of the labels if `None`.
-    Nrrd(Option<Space>),
+    /// For 3D Slicer and others, with the meaning of the axes of space that the file states: that of the data if `None`.
+    Nrrd(Option<Option<AxisConvention>>),
     /// For VTK and ParaView.
     Vti,
 }
@@ -51,6 +52,15 @@ impl LabelFormat {
         match self {
             Self::Nrrd(_) => "nrrd",
             Self::Vti => "vti",
+        }
+    }
+
+    /// Returns the meaning of the axes of space that was chosen, if any.
+    #[must_use]
+    pub fn space(self) -> Option<Option<AxisConvention>> {
+        match self {
+            Self::Nrrd(space) => space,
+            Self::Vti => None,
         }
     }
 }
@@ -126,10 +136,11 @@ pub fn write_labels(
     edited: bool,
     format: LabelFormat,
 ) -> Result<(), RunError> {
-    let volume = LabelVolume { grid: labels.grid.file, ids, names: &labels.listed, edited };
+    let (grid, axes) = labels.grid.stated(format.space());
+    let volume = LabelVolume { grid, axes, unit: labels.grid.unit.as_deref(), ids, names: &labels.listed, edited };
     let written = match format {
         LabelFormat::Vti => write_vti(path, &volume),
-        LabelFormat::Nrrd(space) => write_nrrd(path, &volume, space.unwrap_or(labels.space)),
+        LabelFormat::Nrrd(_) => write_nrrd(path, &volume),
     };
     written.map_err(|e| match e {
         LabelsError::Replace(e) => e.into(),

@@ -2,26 +2,95 @@
 //! themselves are in `labels`.
 
 use super::super::{OpenRun, RunError};
+use crate::data::Aabb;
+use crate::data::calibration::{AxisConvention, PhysicalSpace};
+use crate::model::HostGaussians;
 use crate::prepare::PrepareRecord;
-use crate::volume::formats::{self, Format};
+use crate::volume::formats;
 use crate::volume::grid::Grid;
 use crate::volume::placement::{Placement, published_side};
-use crate::volume::source::Header;
+use crate::volume::source::{Header, Physical, VOXELS};
+use glam::{DMat3, DQuat, DVec3};
 use std::path::Path;
 
 /// Largest accepted relative difference between the proportions of a volume and of the one the dataset was prepared
-/// from.
+/// from, where places are unknown.
 const TOLERANCE: f64 = 1e-3;
+/// Largest difference between two grids that are the same: components of directions, and places in voxels.
+const SAME: f64 = 1e-3;
 
 /// One set of voxels in two coordinate systems.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct LabelGrid {
-    /// In scene units, like the Gaussians.
+    /// Along the axes of the voxels, scene units: [`LabelGrid::along`] brings Gaussians there.
     pub scene: Grid,
-    /// In the units of the volume file if these are known; otherwise as `scene`.
+    /// In physical space if that is known, otherwise in scene units.
     pub file: Grid,
+    /// What the axes of that space mean; `None` where the data do not say.
+    pub axes: Option<AxisConvention>,
+    /// Unit of length of that space; `None` where the data name none.
+    pub unit: Option<String>,
     /// Whether these are the voxels that the dataset was prepared from.
     pub is_source: bool,
+    /// The axes of the voxels in the scene as columns, if they are others.
+    turn: Option<DMat3>,
+}
+
+impl LabelGrid {
+    /// Voxels of unit spacing, in the scene as in files.
+    #[cfg(test)]
+    pub(super) fn unit(dims: [usize; 3]) -> Self {
+        let file = Grid::unit(dims);
+        Self { scene: file, file, axes: None, unit: None, is_source: true, turn: None }
+    }
+
+    /// Gaussians of the scene as they are along the axes of the voxels: where these are mirrored, so are the Gaussians.
+    #[must_use]
+    pub fn along(&self, mut gaussians: HostGaussians) -> HostGaussians {
+        let Some(turn) = self.turn else { return gaussians };
+        let to_grid = turn.transpose();
+        for mean in gaussians.means.chunks_exact_mut(3) {
+            let turned = to_grid * DVec3::new(mean[0].into(), mean[1].into(), mean[2].into());
+            mean.copy_from_slice(&turned.as_vec3().to_array());
+        }
+        // a Gaussian is the same with all of its axes reversed, so that a reflection becomes a rotation
+        let proper = if to_grid.determinant() < 0.0 { -to_grid } else { to_grid };
+        let proper = DQuat::from_mat3(&proper);
+        for q in gaussians.rotations.chunks_exact_mut(4) {
+            let turned = proper * DQuat::from_xyzw(q[1].into(), q[2].into(), q[3].into(), q[0].into());
+            let [x, y, z, w] = turned.to_array().map(|v| v as f32);
+            q.copy_from_slice(&[w, x, y, z]);
+        }
+        gaussians
+    }
+
+    /// The voxels and the meaning of the axes as a file states them: those of the data, or those asked for with
+    /// coordinates to match. Axes whose meaning the data do not say are taken to be what is asked for.
+    #[must_use]
+    pub fn stated(&self, asked: Option<Option<AxisConvention>>) -> (Grid, Option<AxisConvention>) {
+        match (asked, self.axes) {
+            (None, axes) => (self.file, axes),
+            (Some(Some(asked)), Some(axes)) => (self.file.converted(axes, asked), Some(asked)),
+            (Some(asked), _) => (self.file, asked),
+        }
+    }
+
+    /// The voxels of a placed grid.
+    fn placed(placement: &Placement, file: Grid, physical: Physical, is_source: bool) -> Self {
+        let scene = over_box((-placement.half).to_array(), placement.half.to_array(), file.dims);
+        let Physical { axes, length_unit: unit, .. } = physical;
+        Self { scene, file, axes, unit, is_source, turn: placement.turn() }
+    }
+
+    /// The voxels `file`, which are `grid` in the space of the scene.
+    fn within(space: &PhysicalSpace, file: Grid, grid: &Grid, physical: Physical) -> Self {
+        let turn = grid.directions.turn();
+        let origin = DVec3::from_array(space.to_scene(grid.origin));
+        let origin = turn.map_or(origin, |turn| turn.transpose() * origin);
+        let scene = Grid::aligned(grid.dims, grid.spacing.map(|s| s / space.scale), origin.to_array());
+        let Physical { axes, length_unit: unit, .. } = physical;
+        Self { scene, file, axes, unit, is_source: false, turn }
+    }
 }
 
 /// Reads the record of the run's dataset, or of the one at `data` instead; `None` if it was not prepared by this
@@ -40,10 +109,11 @@ pub(super) fn record(run: &OpenRun, data: Option<&Path>) -> Result<Option<Prepar
 
 /// Chooses the voxels: those of the file `like`; else those that the dataset at `data` was prepared from (`record`), or
 /// `dims` voxels over the same box; else `dims` voxels over the box of the scene. Also returns notes: what had to be
-/// assumed, and what the reader of the file reports, such as an orientation that is ignored.
+/// assumed, and what the reader of the file reports.
 ///
 /// # Errors
-/// If a file cannot be read or has other proportions than the prepared volume, or nothing gives the number of voxels.
+/// If a file cannot be read, lies elsewhere or has other proportions than the prepared volume, or nothing gives the
+/// number of voxels.
 pub(super) fn choose(
     run: &OpenRun,
     data: &Path,
@@ -53,11 +123,13 @@ pub(super) fn choose(
 ) -> Result<(LabelGrid, Vec<String>), RunError> {
     let missing = || format!("{} has no prepare.json", data.display());
     if let Some(path) = like {
-        let Header { grid: file, mut notes, .. } = formats::open(path).map_err(RunError::input)?.header().clone();
+        let header = formats::open(path).map_err(RunError::input)?.header().clone();
+        let mut notes = header.notes.clone();
         let centred = || {
             format!("{}: the volume is assumed to be centred, its longest side half as wide as the frame", missing())
         };
-        let grid = alike(file, record).map_err(|e| RunError::input(format!("--like {}: {e}", path.display())))?;
+        let grid = alike(header, record, &mut notes);
+        let grid = grid.map_err(|e| RunError::input(format!("--like {}: {e}", path.display())))?;
         notes.extend(record.is_none().then(centred));
         return Ok((grid, notes));
     }
@@ -75,139 +147,115 @@ pub(super) fn choose(
     Ok((around(run.scene.spec.centre, run.scene.spec.half_size, dims), vec![assumed]))
 }
 
-/// Whether the description of a series in a dataset's record, such as `ct.nii[0] .. ct.nii[9] (4x4x4, 10 steps)`, names
-/// NIfTI files.
-pub(super) fn is_nifti(source: &str) -> bool {
-    let names = match source.rsplit_once(" (") {
-        Some((names, shape)) if shape.ends_with(')') => names,
-        _ => source,
-    };
-    let first = names.split(" .. ").next().unwrap_or(names);
-    let name = match first.rsplit_once('[') {
-        Some((name, step)) if step.strip_suffix(']').is_some_and(|n| n.parse::<usize>().is_ok()) => name,
-        _ => first,
-    };
-    is_nifti_file(Path::new(name))
+/// What the grid of a dataset is in.
+fn physical(record: &PrepareRecord) -> Physical {
+    let space = record.calibration.space.as_ref();
+    Physical {
+        length_unit: space.and_then(|s| s.unit.clone()),
+        axes: space.and_then(|s| s.axes),
+        ..Physical::default()
+    }
 }
 
-/// Whether a file is named as NIfTI files are.
-pub(super) fn is_nifti_file(path: &Path) -> bool {
-    formats::format_of(path).is_some_and(|(format, _)| format == Format::Nifti)
-}
-
-fn alike(file: Grid, record: Option<&PrepareRecord>) -> Result<LabelGrid, String> {
+/// The voxels of a volume file: at their physical places if these are known of the file and of the dataset, otherwise
+/// over the box of the dataset's volume.
+fn alike(header: Header, record: Option<&PrepareRecord>, notes: &mut Vec<String>) -> Result<LabelGrid, String> {
+    let Header { grid: file, physical: stated, .. } = header;
     if file.dims.iter().any(|n| *n < 2) {
         return Err(format!("{:?} voxels; at least 2 are needed along each axis", file.dims));
     }
-    let side = record.map_or(published_side(), |r| 2.0 * r.half_size.into_iter().fold(0.0, f64::max));
-    let placement = Placement::new(&file, side);
-    let half = placement.half.to_array();
-    if let Some(record) = record
-        && (0..3).any(|a| (half[a] - record.half_size[a]).abs() > TOLERANCE * side)
+    let Some(record) = record else {
+        return Ok(LabelGrid::placed(&Placement::new(&file, published_side()), file, stated, false));
+    };
+    let source = record.grid();
+    if let Some(space) = &record.calibration.space
+        && !file.is_unit()
+        && !source.is_unit()
     {
+        if let (Some(unit), Some(known)) = (&stated.length_unit, &space.unit)
+            && unit != known
+            && ![unit, known].contains(&&VOXELS.to_owned())
+        {
+            return Err(format!(
+                "positions in {unit}, but the dataset was prepared from a volume in {known}; convert one"
+            ));
+        }
+        let grid = match (stated.axes, space.axes) {
+            (Some(own), Some(axes)) => file.converted(own, axes),
+            _ => file,
+        };
+        let same = grid.dims == source.dims
+            && grid.directions.agree(&source.directions, SAME)
+            && [DVec3::ZERO, DVec3::from_array(grid.dims.map(|n| (n - 1) as f64))]
+                .into_iter()
+                .all(|end| (source.index(grid.position(end)) - end).abs().max_element() < SAME);
+        if same {
+            return Ok(LabelGrid::placed(&record.placement(), file, stated, true));
+        }
+        let covered = covered(&source, &grid);
+        if covered == 0.0 {
+            return Err(
+                "lies outside of the volume that the dataset was prepared from; give one of the same space".into()
+            );
+        }
+        if covered < 1.0 {
+            let share = 100.0 * covered;
+            notes.push(format!("--like covers {share:.0} % of the volume that the dataset was prepared from"));
+        }
+        return Ok(LabelGrid::within(space, file, &grid, stated));
+    }
+    let placement = Placement::new(&file, record.side);
+    let half = placement.bounds().max.to_array();
+    if (0..3).any(|a| (half[a] - record.half_size[a]).abs() > TOLERANCE * record.side) {
         return Err(format!(
             "half sides of {half:.4?} in the scene, but the dataset was prepared from a volume with {:.4?}; give one \
              of the same proportions",
             record.half_size
         ));
     }
-    let origin = half.map(|h| -h);
-    let scene = Grid { dims: file.dims, spacing: placement.spacing().to_array(), origin };
-    let is_source = record.is_some_and(|r| r.dims == file.dims);
-    Ok(LabelGrid { scene, file, is_source })
+    let is_source = record.dims == file.dims && file.directions.agree(&source.directions, SAME);
+    Ok(LabelGrid::placed(&placement, file, stated, is_source))
 }
 
+/// The share of a volume's box that another grid covers, of a sample of its places.
+fn covered(source: &Grid, grid: &Grid) -> f64 {
+    const N: usize = 12;
+    let end = |grid: &Grid| DVec3::from_array(grid.dims.map(|n| (n - 1) as f64));
+    let held = (0..N * N * N).filter(|i| {
+        let at = [i % N, i / N % N, i / (N * N)].map(|k| k as f64 / (N - 1) as f64);
+        let index = grid.index(source.position(end(source) * DVec3::from_array(at)));
+        // half a voxel beyond the outermost centres, as far as a voxel reaches
+        index.cmpge(DVec3::splat(-0.5)).all() && index.cmple(end(grid) + 0.5).all()
+    });
+    held.count() as f64 / (N * N * N) as f64
+}
+
+/// The voxels that a dataset was prepared from, or `dims` voxels along the axes of the scene over the box around them.
 fn prepared(record: &PrepareRecord, dims: Option<[usize; 3]>) -> LabelGrid {
-    let dims = dims.unwrap_or(record.dims);
-    let scene = over_box(record.half_size.map(|h| -h), record.half_size, dims);
-    let file = match (record.spacing, record.origin) {
-        (Some(spacing), Some(origin)) => {
-            let source = Grid { dims: record.dims, spacing, origin };
-            let (size, same) = (source.size(), dims == record.dims);
-            let spacing = if same { spacing } else { std::array::from_fn(|a| size[a] / (dims[a] - 1) as f64) };
-            Grid { dims, spacing, origin }
-        }
-        _ => scene,
+    let (source, placement) = (record.grid(), record.placement());
+    let dims = match dims {
+        Some(dims) if placement.turn().is_some() || dims != source.dims => dims,
+        _ => return LabelGrid::placed(&placement, source, physical(record), true),
     };
-    LabelGrid { scene, file, is_source: dims == record.dims }
+    let Aabb { min, max } = placement.bounds();
+    let scene = over_box(min.to_array(), max.to_array(), dims);
+    let [low, high] = [min, max].map(|corner| (placement.centre + placement.scale * corner).to_array());
+    let Physical { axes, length_unit: unit, .. } = physical(record);
+    LabelGrid { scene, file: over_box(low, high, dims), axes, unit, is_source: false, turn: None }
 }
 
 fn around(centre: [f32; 3], half: [f32; 3], dims: [usize; 3]) -> LabelGrid {
     let (centre, half) = (centre.map(f64::from), half.map(f64::from));
     let corner = |sign: f64| std::array::from_fn(|a| centre[a] + sign * half[a]);
     let scene = over_box(corner(-1.0), corner(1.0), dims);
-    LabelGrid { scene, file: scene, is_source: false }
+    LabelGrid { scene, file: scene, axes: None, unit: None, is_source: false, turn: None }
 }
 
 /// Lays voxels over a box, with the outermost voxel centres on its faces.
 fn over_box(low: [f64; 3], high: [f64; 3], dims: [usize; 3]) -> Grid {
-    Grid { dims, spacing: std::array::from_fn(|a| (high[a] - low[a]) / (dims[a] - 1) as f64), origin: low }
+    Grid::aligned(dims, std::array::from_fn(|a| (high[a] - low[a]) / (dims[a] - 1) as f64), low)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use glam::DVec3;
-
-    /// What `prepare` records of a grid.
-    fn recorded(grid: Grid, known: bool) -> PrepareRecord {
-        let half = Placement::new(&grid, 1.5).half.to_array();
-        let json = serde_json::json!({
-            "version": "", "source": "", "transfer_function": "", "span": [0, 1], "dims": grid.dims, "half_size": half,
-            "steps": 1, "step": 1, "train_views": 1, "test_views": 1, "size": [8, 8], "segments": [],
-            "seconds": 1, "load_seconds": 0, "peak_memory_bytes": 0,
-        });
-        let mut record: PrepareRecord = serde_json::from_value(json).unwrap();
-        if known {
-            (record.spacing, record.origin) = (Some(grid.spacing), Some(grid.origin));
-        }
-        record
-    }
-
-    #[test]
-    fn nifti_files_are_recognised_in_records() {
-        for nifti in ["ct.nii.gz", "a/ct.NII (4x4x4)", "ct.nii.gz[0] .. ct.nii.gz[9] (4x4x4, 10 steps)"] {
-            assert!(is_nifti(nifti), "{nifti}");
-        }
-        for nifti in
-            ["scan (1).nii.gz (4x4x4)", "old[a] (2)/scan[1].nii", "a [b].nii[0] .. a [b].nii[3] (4x4x4, 4 steps)"]
-        {
-            assert!(is_nifti(nifti), "{nifti}");
-        }
-        assert!(is_nifti_file(Path::new("/data (old)/brain.nii.gz")) && !is_nifti_file(Path::new("/x.nii/a.nrrd")));
-        for other in ["", "v.nrrd (4x4x4)", "synthetic jets (4x4x4, 10 steps)", "nii.raw .. x.nii.raw (4x4x4, 2 steps)"]
-        {
-            assert!(!is_nifti(other), "{other}");
-        }
-    }
-
-    #[test]
-    fn voxels_lie_where_the_ray_caster_puts_them() {
-        let grid = Grid { dims: [5, 9, 3], spacing: [1.0, 0.25, 4.0], origin: [10.0, -3.0, 0.5] };
-        let placement = Placement::new(&grid, 1.5);
-        let source = prepared(&recorded(grid, true), None);
-        assert_eq!((source.file, source.is_source), (grid, true));
-        let same = alike(grid, Some(&recorded(grid, false))).unwrap();
-        for labels in [source, same] {
-            for voxel in [[0usize, 0, 0], [4, 8, 2], [1, 5, 2]] {
-                let at = |a: usize| labels.scene.origin[a] + labels.scene.spacing[a] * voxel[a] as f64;
-                let back = placement.to_voxel(DVec3::new(at(0), at(1), at(2)));
-                assert!((back - DVec3::from_array(voxel.map(|v| v as f64))).length() < 1e-9, "{back}");
-            }
-        }
-        assert_eq!(prepared(&recorded(grid, false), None).file, source.scene, "an old record: scene units");
-    }
-
-    #[test]
-    fn other_dims_cover_the_same_box_and_other_proportions_are_refused() {
-        let grid = Grid { dims: [5, 9, 3], spacing: [1.0, 0.25, 4.0], origin: [10.0, -3.0, 0.5] };
-        let fine = prepared(&recorded(grid, true), Some([9, 9, 5]));
-        assert_eq!((fine.file.spacing, fine.file.origin, fine.is_source), ([0.5, 0.25, 2.0], grid.origin, false));
-        assert_eq!(fine.file.size(), grid.size());
-        let other = Grid { spacing: [1.0, 0.5, 4.0], ..grid };
-        assert!(alike(other, Some(&recorded(grid, true))).unwrap_err().contains("proportions"));
-        assert!(alike(Grid { dims: [5, 9, 1], ..grid }, None).unwrap_err().contains("at least 2"));
-        let scene = around([1.0, 0.0, 0.0], [2.0, 1.0, 0.5], [5, 3, 2]);
-        assert_eq!((scene.scene.spacing, scene.scene.origin), ([1.0; 3], [-1.0, -1.0, -0.5]));
-    }
-}
+#[path = "grid_tests.rs"]
+mod tests;

@@ -11,7 +11,7 @@ pub use truth::{Agreement, Score, Truth};
 
 use super::selection::Selection;
 use super::{OpenRun, RunError};
-use crate::export::labels::{NamedLabel, Space};
+use crate::export::labels::NamedLabel;
 use crate::memory::{Budget, product};
 use crate::segment::segmentation::Segmentation;
 use crate::segment::voxels::{LabelledCloud, Vote, label_voxels};
@@ -52,8 +52,6 @@ pub struct Labels<'r> {
     pub listed: Vec<NamedLabel>,
     /// The voxels.
     pub grid: LabelGrid,
-    /// Directions of the volume's axes where none are chosen: those of NIfTI for its files.
-    pub space: Space,
     /// The dataset that the voxels come from.
     pub data: PathBuf,
     /// What had to be assumed about the voxels, and what the reader of their file reports, one sentence each.
@@ -79,13 +77,8 @@ impl<'r> Labels<'r> {
         let data = plan.data.clone().unwrap_or_else(|| run.record.dataset.clone());
         let (grid, notes) = grid::choose(run, &data, record.as_ref(), plan.dims, plan.like.as_deref())?;
         check_memory(&grid, plan.like.as_deref())?;
-        let is_nifti = match &plan.like {
-            Some(file) => grid::is_nifti_file(file),
-            None => record.as_ref().is_some_and(|record| grid::is_nifti(&record.source)),
-        };
         let vote = plan.threshold.map_or(Vote::default(), |threshold| Vote { threshold, ..Vote::default() });
-        let space = if is_nifti { Space::RightAnteriorSuperior } else { Space::LeftPosteriorSuperior };
-        Ok(Self { run, selection, vote, labels, names, listed, grid, space, data, notes })
+        Ok(Self { run, selection, vote, labels, names, listed, grid, data, notes })
     }
 
     /// Returns the labels of the voxels `[z, y, x]` at `time` in [0, 1], x fastest; 0 is none.
@@ -93,7 +86,7 @@ impl<'r> Labels<'r> {
     /// # Errors
     /// If an edit cannot be applied, or there are more labels than a volume can hold.
     pub fn at(&self, time: f64) -> Result<Vec<u16>, RunError> {
-        let at = self.selection.edited(&self.run.scene, time as f32)?;
+        let at = self.grid.along(self.selection.edited(&self.run.scene, time as f32)?);
         let cloud = LabelledCloud {
             means: &at.means,
             rotations: &at.rotations,

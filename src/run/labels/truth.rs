@@ -77,7 +77,7 @@ impl Truth {
             return Ok(Self::Synthetic(scene, grid.file.dims));
         }
         // numbers may be missing, as in the names of the volumes that the dataset was prepared from
-        let options = SeriesOptions { allow_gaps: true, ..SeriesOptions::default() };
+        let options = SeriesOptions { allow_gaps: true, ignore_origin: true, ..SeriesOptions::default() };
         let series = Series::open(inputs, &options).map_err(RunError::input)?;
         if series.grid().dims != grid.file.dims {
             return Err(RunError::input(format!(
@@ -87,6 +87,12 @@ impl Truth {
                 grid.file.dims
             )));
         }
+        series.lies_on(&grid.file, grid.axes).map_err(|problem| {
+            let name = series.name(0);
+            RunError::input(format!(
+                "--truth: {name} has {problem} as the labels; pass --like with one of the files of the truth"
+            ))
+        })?;
         let record = prepared(data);
         let steps = record.as_ref().map(|record| record.steps);
         if series.len() == 1 && times.len() > 1 && steps != Some(1) {
@@ -188,7 +194,6 @@ fn prepared(data: &Path) -> Option<PrepareRecord> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::volume::grid::Grid;
 
     /// Two by two by two labels, all 0.
     fn npy() -> Vec<u8> {
@@ -200,8 +205,7 @@ mod tests {
     fn several_label_volumes_are_one_for_each_step() {
         let folder = tempfile::tempdir().unwrap();
         let root = folder.path();
-        let file = Grid { dims: [2; 3], spacing: [1.0; 3], origin: [0.0; 3] };
-        let grid = LabelGrid { scene: file, file, is_source: true };
+        let grid = LabelGrid::unit([2; 3]);
         let inputs: Vec<String> = ["t00.npy", "t10.npy", "t30.npy"]
             .iter()
             .map(|name| {
@@ -212,6 +216,7 @@ mod tests {
         let prepare = |steps: usize| {
             let json = serde_json::json!({
                 "version": "", "source": "", "transfer_function": "", "span": [0, 1], "dims": [2, 2, 2],
+                "spacing": [1, 1, 1], "origin": [0, 0, 0], "directions": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "side": 2,
                 "half_size": [1, 1, 1], "steps": steps, "step": 1, "train_views": 1, "test_views": 1, "size": [8, 8],
                 "segments": [], "seconds": 1, "load_seconds": 0, "peak_memory_bytes": 0,
             });

@@ -71,7 +71,7 @@ fn direct(all: &Owned, at: [f64; 3], labels: u32) -> Vec<f64> {
 
 #[test]
 fn the_vote_is_that_of_a_direct_sum() {
-    let grid = Grid { dims: [13, 10, 11], spacing: [0.8, 1.1, 0.9], origin: [0.3, -0.4, 0.1] };
+    let grid = Grid::aligned([13, 10, 11], [0.8, 1.1, 0.9], [0.3, -0.4, 0.1]);
     let all = Owned::random(1500, 5, 10.0, 3);
     let vote = Vote { threshold: 0.2, smallest_sigma: 0.0 };
     let labels = label_voxels(&all.cloud(), &grid, &vote).unwrap();
@@ -97,7 +97,7 @@ const BALLS: [([f32; 3], f32); 3] = [([20.0, 22.0, 24.0], 11.0), ([41.0, 25.0, 2
 
 /// 64^3 voxels that hold three balls, two of them nearly touching, and their true labels.
 fn truth(scale: f32) -> (Grid, Vec<u16>) {
-    let grid = Grid { dims: [64; 3], spacing: [f64::from(scale); 3], origin: [0.0; 3] };
+    let grid = Grid::aligned([64; 3], [f64::from(scale); 3], [0.0; 3]);
     let inside = |i: usize| {
         let p = [i % 64, i / 64 % 64, i / 4096].map(|v| v as f32);
         BALLS.iter().position(|(c, r)| (0..3).map(|k| (p[k] - c[k]).powi(2)).sum::<f32>() <= r * r)
@@ -200,7 +200,7 @@ fn the_number_of_threads_does_not_matter() {
 
 #[test]
 fn unlabelled_matter_outvotes_and_ties_go_to_the_smaller_label() {
-    let grid = Grid { dims: [3, 1, 1], spacing: [1.0; 3], origin: [0.0; 3] };
+    let grid = Grid::unit([3, 1, 1]);
     let mut all = Owned::default();
     for (x, opacity, label) in [(0.0, 0.5, 3), (0.0, 0.6, 0), (1.0, 0.5, 7), (1.0, 0.5, 5), (2.0, 0.09, 2)] {
         all.push([x, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.2; 3], opacity, label);

@@ -2,8 +2,10 @@
 
 use crate::files::open_regular;
 use crate::memory::{Budget, product};
+use crate::volume::directions::Directions;
 use crate::volume::error::VolumeError;
-use crate::volume::grid::ScalarType;
+use crate::volume::grid::{Grid, ScalarType};
+use crate::volume::source::{Physical, VOXELS};
 use memmap2::{Mmap, MmapOptions};
 use std::fs::File;
 use std::path::Path;
@@ -98,6 +100,35 @@ pub fn check_origin(path: &Path, field: &str, origin: [f64; 3]) -> Result<[f64; 
     }
     let hint = "give three finite numbers, up to 1e30";
     Err(VolumeError::invalid(path, field, format!("{origin:?} is not a valid position"), hint))
+}
+
+/// The grid of a file with or without a spacing and an origin in the file `from`, and what its positions are in.
+///
+/// # Errors
+/// As for [`check_spacing`] and [`check_origin`].
+pub fn placed(
+    from: &Path,
+    dims: [usize; 3],
+    spacing: Option<[f64; 3]>,
+    origin: Option<[f64; 3]>,
+) -> Result<(Grid, Physical), VolumeError> {
+    let length_unit = spacing.is_none().then(|| VOXELS.to_owned());
+    let spacing = check_spacing(from, "spacing", spacing.unwrap_or([1.0; 3]))?;
+    let origin = check_origin(from, "origin", origin.unwrap_or([0.0; 3]))?;
+    Ok((Grid::aligned(dims, spacing, origin), Physical { length_unit, ..Physical::default() }))
+}
+
+/// The directions and spacing of a grid from the vectors that lead from a voxel to the next along x, y, z, given by the
+/// named field.
+///
+/// # Errors
+/// A vector without direction, two that are not perpendicular, or a spacing outside the range of computation.
+pub fn directions(path: &Path, field: &str, steps: [[f64; 3]; 3]) -> Result<(Directions, [f64; 3]), VolumeError> {
+    let (directions, spacing) = Directions::of_steps(steps).map_err(|problem| {
+        let hint = "distances and lighting need three perpendicular axes: resample the volume to such a grid";
+        VolumeError::invalid(path, field, problem, hint)
+    })?;
+    Ok((directions, check_spacing(path, field, spacing)?))
 }
 
 /// Opens a regular file for reading and returns its length in bytes.

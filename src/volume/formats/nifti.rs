@@ -1,6 +1,7 @@
 //! NIfTI-1 images (`.nii`, `.nii.gz`), 3D or 4D with time as the fourth axis. The header is read by the `nifti` crate;
 //! the values are streamed here, so that only the requested steps of a 4D file are held.
 
+mod space;
 #[cfg(test)]
 mod tests;
 
@@ -8,7 +9,7 @@ use super::common;
 use super::stream::{read_error, read_values};
 use crate::files::open_regular;
 use crate::volume::error::VolumeError;
-use crate::volume::grid::{Grid, ScalarType};
+use crate::volume::grid::ScalarType;
 use crate::volume::source::{Header, VolumeFile};
 use flate2::read::MultiGzDecoder;
 use nifti::{Endianness, NiftiError, NiftiHeader, NiftiType};
@@ -44,7 +45,8 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let gz = magic == [0x1f, 0x8b];
     let raw = if gz { from_stream(path, MultiGzDecoder::new(BufReader::new(file))) } else { from_stream(path, file) }?;
     let mut notes = Vec::new();
-    let (grid, steps) = grid(path, &raw, &mut notes)?;
+    let (dims, steps) = dims(path, &raw)?;
+    let (grid, physical) = space::read(path, &raw, dims, steps, &mut notes)?;
     let kind = kind(path, &raw)?;
     let start = start(path, &raw)?;
     let total = [grid.dims[0], grid.dims[1], grid.dims[2], steps, kind.bytes()]
@@ -57,7 +59,7 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
             format!("{:?} voxels in {steps} steps are more than the file of {file_len} bytes can hold", grid.dims);
         return Err(VolumeError::invalid(path, "dim", problem, REWRITE));
     }
-    let header = Header { grid, scalar: kind, steps, notes };
+    let header = Header { grid, scalar: kind, steps, physical, notes };
     let big_endian = raw.endianness == Endianness::Big;
     Ok(Box::new(Nifti { path: path.to_owned(), header, gz, start, kind, big_endian, scale: scale(&raw) }))
 }
@@ -183,7 +185,8 @@ fn scale(raw: &NiftiHeader) -> Option<(f64, f64)> {
     (slope.is_finite() && slope != 0.0 && (slope, inter) != (1.0, 0.0)).then_some((slope, inter))
 }
 
-fn grid(path: &Path, raw: &NiftiHeader, notes: &mut Vec<String>) -> Result<(Grid, usize), VolumeError> {
+/// The voxels of a step and the number of steps.
+fn dims(path: &Path, raw: &NiftiHeader) -> Result<([usize; 3], usize), VolumeError> {
     let bad = |problem: String, hint: &str| VolumeError::invalid(path, "dim", problem, hint);
     let dim = raw.dim().map_err(|e| bad(e.to_string(), REWRITE))?;
     // the format's sizes are signed: the crate reads a negative one as a large one
@@ -194,66 +197,5 @@ fn grid(path: &Path, raw: &NiftiHeader, notes: &mut Vec<String>) -> Result<(Grid
         return Err(bad(format!("{dim:?} has more axes than x, y, z, time"), "write one component per voxel"));
     }
     let size = |a: usize| dim.get(a).map_or(1, |d| usize::from(*d));
-    let mut grid = Grid::unit([size(0), size(1), size(2)]);
-    for a in 0..3.min(dim.len()) {
-        let spacing = f64::from(raw.pixdim[a + 1]).abs();
-        if !spacing.is_finite() {
-            let problem = format!("axis {a}: {spacing}");
-            return Err(VolumeError::invalid(path, "pixdim", problem, "write finite, positive spacings"));
-        }
-        if spacing == 0.0 {
-            notes.push(format!("pixdim: spacing 0 along axis {a} replaced by 1"));
-        } else {
-            grid.spacing[a] = spacing;
-        }
-    }
-    if raw.xyzt_units != 0 {
-        notes.push("units ignored (xyzt_units): spacing is in the file's units".to_owned());
-    }
-    let (offset, aligned) = placement(raw);
-    if raw.sform_code > 0 {
-        take_lengths(raw, &mut grid.spacing, notes);
-    }
-    if offset.iter().all(|v| v.is_finite()) {
-        grid.origin = offset.map(f64::from);
-    } else {
-        notes.push("origin ignored: it is not finite".to_owned());
-    }
-    common::check_spacing(path, "pixdim", grid.spacing)?;
-    common::check_origin(path, "offset of the first voxel", grid.origin)?;
-    if !aligned {
-        notes.push("orientation ignored: the axes are used as stored".to_owned());
-    }
-    Ok((grid, size(3)))
-}
-
-/// Position of the first voxel, and whether the voxel axes are those of space: from the sform, else the qform.
-fn placement(raw: &NiftiHeader) -> ([f32; 3], bool) {
-    if raw.sform_code > 0 {
-        let rows = [raw.srow_x, raw.srow_y, raw.srow_z];
-        let aligned = (0..3).all(|r| {
-            let tiny = 1e-4 * rows[r][r];
-            rows[r][r] > 0.0 && (0..3).all(|c| c == r || rows[r][c].abs() <= tiny)
-        });
-        return ([rows[0][3], rows[1][3], rows[2][3]], aligned);
-    }
-    if raw.qform_code > 0 {
-        let turn = [raw.quatern_b, raw.quatern_c, raw.quatern_d];
-        let aligned = raw.pixdim[0] >= 0.0 && turn.iter().all(|q| q.abs() <= 1e-4);
-        return ([raw.quatern_x, raw.quatern_y, raw.quatern_z], aligned);
-    }
-    ([0.0; 3], true)
-}
-
-/// Takes the lengths of the columns of the sform, from which the offset is taken too, as spacing where they contradict
-/// `pixdim`: some programs change only the one.
-fn take_lengths(raw: &NiftiHeader, spacing: &mut [f64; 3], notes: &mut Vec<String>) {
-    let rows = [raw.srow_x, raw.srow_y, raw.srow_z];
-    for (axis, spacing) in spacing.iter_mut().enumerate() {
-        let length = rows.iter().map(|row| f64::from(row[axis]).powi(2)).sum::<f64>().sqrt();
-        if length.is_finite() && length > 0.0 && (length / *spacing - 1.0).abs() > 1e-3 {
-            notes.push(format!("pixdim: spacing {spacing} along axis {axis} replaced by {length}, that of the sform"));
-            *spacing = length;
-        }
-    }
+    Ok(([size(0), size(1), size(2)], size(3)))
 }

@@ -5,7 +5,7 @@ use super::common::{self, Shape};
 use super::decode::{Endian, decode_into};
 use super::sidecar::{self, PlaceSidecar};
 use crate::volume::error::VolumeError;
-use crate::volume::grid::{Grid, ScalarType};
+use crate::volume::grid::ScalarType;
 use crate::volume::source::{Header, VolumeFile};
 use rayon::prelude::*;
 use std::io::Read;
@@ -86,12 +86,8 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let side = sidecar::only(path, &beside)?;
     let place: PlaceSidecar = side.as_deref().map(sidecar::read).transpose()?.unwrap_or_default();
     let from = side.as_deref().unwrap_or(path);
-    let grid = Grid {
-        dims: shape.dims,
-        spacing: common::check_spacing(from, "spacing", place.spacing.unwrap_or([1.0; 3]))?,
-        origin: common::check_origin(from, "origin", place.origin.unwrap_or([0.0; 3]))?,
-    };
-    let header = Header { grid, scalar, steps: shape.steps, notes: Vec::new() };
+    let (grid, physical) = common::placed(from, shape.dims, place.spacing, place.origin)?;
+    let header = Header { grid, scalar, steps: shape.steps, physical, notes: Vec::new() };
     Ok(Box::new(Npy { path: path.to_owned(), header, shape, endian, offset, fortran }))
 }
 

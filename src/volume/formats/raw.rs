@@ -5,7 +5,6 @@ use super::common::{self, Shape};
 use super::decode::{Endian, decode_into};
 use super::sidecar::{self, RawSidecar};
 use crate::volume::error::VolumeError;
-use crate::volume::grid::Grid;
 use crate::volume::source::{Header, VolumeFile};
 use std::path::{Path, PathBuf};
 
@@ -94,12 +93,8 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
             format!("correct dims, type or offset in {}", side.display()),
         ));
     }
-    let grid = Grid {
-        dims: shape.dims,
-        spacing: common::check_spacing(&side, "spacing", fields.spacing.unwrap_or([1.0; 3]))?,
-        origin: common::check_origin(&side, "origin", fields.origin.unwrap_or([0.0; 3]))?,
-    };
-    let header = Header { grid, scalar, steps: shape.steps, notes: Vec::new() };
+    let (grid, physical) = common::placed(&side, shape.dims, fields.spacing, fields.origin)?;
+    let header = Header { grid, scalar, steps: shape.steps, physical, notes: Vec::new() };
     Ok(Box::new(Raw { path: path.to_owned(), header, shape, endian, offset }))
 }
 

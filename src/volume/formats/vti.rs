@@ -14,8 +14,9 @@ use super::stream::read_error;
 use crate::memory::Budget;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::Grid;
-use crate::volume::source::{Header, VolumeFile};
+use crate::volume::source::{Header, Physical, VolumeFile};
 use data::{Encoding, Layout, Packing};
+use glam::DVec3;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 use xml::{Array, Document, Section};
@@ -33,7 +34,7 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let (array, cells) = choose(path, &doc, &mut notes)?;
     let grid = grid(path, &doc, cells, &mut notes)?;
     let layout = layout(path, &doc, array, grid.dims, file_len)?;
-    let header = Header { grid, scalar: layout.kind, steps: 1, notes };
+    let header = Header { grid, scalar: layout.kind, steps: 1, physical: Physical::default(), notes };
     Ok(Box::new(Vti { path: path.to_owned(), header, layout, field: field_name(array) }))
 }
 
@@ -130,10 +131,11 @@ fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Re
     if extent != doc.whole_extent {
         notes.push("the piece covers part of WholeExtent: only that part is read".to_owned());
     }
-    if doc.turned {
-        notes.push("orientation ignored: Direction is not the identity".to_owned());
-    }
-    let mut grid = Grid::unit([1; 3]);
+    let d = doc.direction;
+    let steps = [0, 1, 2].map(|a| [0, 1, 2].map(|row| d[3 * row + a] * doc.spacing[a]));
+    let mut dims = [1; 3];
+    // voxels from the image's origin to the first value
+    let mut first = [0.0; 3];
     for a in 0..3 {
         let (lo, hi) = (i64::from(extent[2 * a]), i64::from(extent[2 * a + 1]));
         let points = usize::try_from(hi - lo + 1).unwrap_or(0);
@@ -154,17 +156,17 @@ fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Re
                 "spacings must be finite and positive, origins finite",
             ));
         }
-        grid.spacing[a] = spacing;
-        grid.origin[a] = doc.origin[a] + lo as f64 * spacing;
-        grid.dims[a] = points;
+        (dims[a], first[a]) = (points, lo as f64);
         if cells && points > 1 {
-            grid.dims[a] = points - 1;
-            grid.origin[a] += spacing / 2.0;
+            dims[a] = points - 1;
+            first[a] += 0.5;
         }
     }
-    common::check_spacing(path, "Spacing", grid.spacing)?;
-    common::check_origin(path, "Origin", grid.origin)?;
-    Ok(grid)
+    common::check_spacing(path, "Spacing", doc.spacing)?;
+    let (directions, spacing) = common::directions(path, "Direction", steps)?;
+    let grid = Grid { dims, spacing, origin: doc.origin, directions };
+    let origin = grid.position(DVec3::from_array(first)).to_array();
+    Ok(Grid { origin: common::check_origin(path, "Origin", origin)?, ..grid })
 }
 
 /// The location of the values, once the claimed size is known to fit the file.

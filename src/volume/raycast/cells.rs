@@ -2,50 +2,70 @@
 
 use super::RayCaster;
 use crate::volume::placement::Placement;
+use glam::DVec3;
 use rayon::prelude::*;
 
 /// Minimum and maximum number of parts of a cell along an axis, over each of which the opacity is integrated.
 const PARTS: [usize; 2] = [2, 4];
+/// Voxels beyond the box that count as its faces: rounding.
+const ROUNDING: f64 = 1e-6;
 
-/// The box of a volume cut into cells of (nearly) equal sides, scene units.
+/// The box of the scene that encloses a volume, cut into cells of (nearly) equal sides along the axes of the scene.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cells {
     /// Number of cells along x, y, z.
     pub dims: [usize; 3],
-    /// Size of a cell along x, y, z.
+    /// Size of a cell along x, y, z, scene units.
     pub spacing: [f64; 3],
-    /// Centre of the first cell.
+    /// Centre of the first cell, scene units.
     pub origin: [f64; 3],
-    /// `[z, y, x]`: the segment of the voxel nearest to the cell's centre, 0 for none.
+    /// `[z, y, x]`: the segment of the voxel nearest to the cell's centre, 0 for none and outside of the volume.
     pub ids: Vec<u16>,
     /// `[z, y, x]`: the fraction of light, in [0, 1], that the mean content of the cell absorbs over the length of a
     /// cell (the cube root of its volume).
     pub opacity: Vec<f32>,
 }
 
+/// Voxels along the axes of the scene per scene unit.
+fn voxels_per_unit(placement: &Placement) -> DVec3 {
+    placement.turn().map_or(placement.voxels_per_unit, |turn| {
+        let along = |row: DVec3| (row * placement.voxels_per_unit).length();
+        DVec3::new(along(turn.row(0)), along(turn.row(1)), along(turn.row(2)))
+    })
+}
+
 /// The cells of a box: number, size and centre of the first along each axis. Together they fill the box exactly; the
 /// longest side has as many as there would be voxels of the finest spacing along it, at most `longest`.
 fn layout(placement: &Placement, longest: usize) -> ([usize; 3], [f64; 3], [f64; 3]) {
-    let size = (2.0 * placement.half).to_array();
+    let size = placement.bounds().size().to_array();
+    let longest_side = size.into_iter().fold(0.0, f64::max);
     // not the voxels along that side: few thick slices would make cells that hide what the slices show
-    let finest = (placement.side() * placement.voxels_per_unit.max_element()).round() + 1.0;
-    let side = placement.side() / (finest as usize).min(longest).max(1) as f64;
+    let finest = (longest_side * placement.voxels_per_unit.max_element()).round() + 1.0;
+    let side = longest_side / (finest as usize).min(longest).max(1) as f64;
     let counts = size.map(|s| ((s / side).round() as usize).max(1));
     let spacing: [f64; 3] = std::array::from_fn(|a| size[a] / counts[a] as f64);
     (counts, spacing, std::array::from_fn(|a| 0.5 * (spacing[a] - size[a])))
 }
 
 impl RayCaster {
-    /// The segments and opacities of the cells of the volume's box, at most `longest` of them along its longest side.
+    /// The segments and opacities of the cells of the box that encloses the volume, at most `longest` of them along its
+    /// longest side.
     ///
     /// Each cell is divided into 2 to 4 parts per axis, no longer than a voxel unless the cell is longer than 4; in
     /// each part the values run from one corner to the opposite one, as along a ray, and the extinction is their mean
-    /// under the transfer function. Bit-identical for any number of threads.
+    /// under the transfer function. Parts outside of the volume are empty. Bit-identical for any number of threads.
     #[must_use]
     pub fn cells(&self, longest: usize) -> Cells {
         let (dims, spacing, origin) = layout(&self.placement, longest);
-        let voxels: [f64; 3] = std::array::from_fn(|a| spacing[a] * self.placement.voxels_per_unit[a]);
+        let per_unit = voxels_per_unit(&self.placement);
+        let voxels: [f64; 3] = std::array::from_fn(|a| spacing[a] * per_unit[a]);
         let parts = voxels.map(|v| (v.ceil() as usize).clamp(PARTS[0], PARTS[1]));
+        // the voxel coordinates of a point in cells from the corner of the first
+        let low = DVec3::from_array(std::array::from_fn(|a| origin[a] - 0.5 * spacing[a]));
+        let place = |p: [f64; 3]| match self.placement.turn() {
+            None => DVec3::from_array(std::array::from_fn(|a| p[a] * voxels[a])),
+            Some(_) => self.placement.to_voxel(low + DVec3::from_array(p) * DVec3::from_array(spacing)),
+        };
         // in steps, as the extinction is that of a step
         let length = (spacing[0] * spacing[1] * spacing[2]).cbrt() / self.step;
         let count = dims.iter().product();
@@ -54,29 +74,39 @@ impl RayCaster {
         ids.par_chunks_mut(slice).zip(opacity.par_chunks_mut(slice)).enumerate().for_each(|(k, (ids, opacity))| {
             for (at, (id, opacity)) in ids.iter_mut().zip(opacity).enumerate() {
                 let cell = [at % dims[0], at / dims[0], k];
-                *id = self.nearest_segment(std::array::from_fn(|a| (cell[a] as f64 + 0.5) * voxels[a]));
-                let extinction = self.extinction(cell, voxels, parts);
+                *id = self.nearest_segment(place(cell.map(|c| c as f64 + 0.5)));
+                let extinction = self.extinction(cell, &place, parts);
                 *opacity = -(-extinction * length).exp_m1() as f32;
             }
         });
         Cells { dims, spacing, origin, ids, opacity }
     }
 
-    /// The segment of the voxel nearest to voxel coordinates `p`.
-    fn nearest_segment(&self, p: [f64; 3]) -> u16 {
+    /// Whether voxel coordinates are in the volume's box, but for rounding.
+    fn holds(&self, p: DVec3) -> bool {
+        let end = DVec3::from_array(self.field.dims.map(|n| (n - 1) as f64));
+        p.cmpge(DVec3::splat(-ROUNDING)).all() && p.cmple(end + ROUNDING).all()
+    }
+
+    /// The segment of the voxel nearest to voxel coordinates `p`; 0 outside of the volume.
+    fn nearest_segment(&self, p: DVec3) -> u16 {
+        if !self.holds(p) {
+            return 0;
+        }
         let voxel: [f32; 3] = std::array::from_fn(|a| (p[a].round() as usize).min(self.field.dims[a] - 1) as f32);
         let value = self.field.sample(voxel);
         self.segment(voxel, value, value)
     }
 
-    /// Mean extinction of a step in a cell of `size` voxels, over its parts.
-    fn extinction(&self, cell: [usize; 3], size: [f64; 3], parts: [usize; 3]) -> f64 {
+    /// Mean extinction of a step in a cell, over its parts; `place` gives voxel coordinates.
+    fn extinction(&self, cell: [usize; 3], place: &impl Fn([f64; 3]) -> DVec3, parts: [usize; 3]) -> f64 {
         let end = self.field.dims.map(|n| (n - 1) as f64);
-        let corner = |part: [usize; 3], side: [bool; 3]| -> [f32; 3] {
-            std::array::from_fn(|a| {
+        let corner = |part: [usize; 3], side: [bool; 3]| -> Option<[f32; 3]> {
+            let p = place(std::array::from_fn(|a| {
                 let along = (part[a] + usize::from(side[a])) as f64 / parts[a] as f64;
-                ((cell[a] as f64 + along) * size[a]).min(end[a]) as f32
-            })
+                cell[a] as f64 + along
+            }));
+            self.holds(p).then(|| std::array::from_fn(|a| p[a].clamp(0.0, end[a]) as f32))
         };
         let mut sum = 0.0;
         for z in 0..parts[2] {
@@ -84,7 +114,10 @@ impl RayCaster {
                 for x in 0..parts[0] {
                     // the four diagonals in turn, so that no direction of the gradient is missed
                     let from = [false, (x + z) % 2 == 1, (x + y) % 2 == 1];
-                    let [a, b] = [from, from.map(|side| !side)].map(|side| self.field.sample(corner([x, y, z], side)));
+                    let [Some(a), Some(b)] = [from, from.map(|side| !side)].map(|side| corner([x, y, z], side)) else {
+                        continue;
+                    };
+                    let [a, b] = [a, b].map(|p| self.field.sample(p));
                     sum += f64::from(self.table.mean(self.table.between(a, b), 0)[3]);
                 }
             }
@@ -102,7 +135,7 @@ mod tests {
 
     /// A volume of `dims` voxels with values and labels by position in [0, 1]^3 between the outermost centres.
     fn caster(dims: [usize; 3], opacity: &[(f64, f32)], at: impl Fn([f64; 3]) -> (f32, u16)) -> RayCaster {
-        let grid = Grid { dims, spacing: [1.0, 1.0, 1.0], origin: [0.0; 3] };
+        let grid = Grid::unit(dims);
         let place = |i: usize| {
             let index = [i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])];
             at(std::array::from_fn(|a| index[a] as f64 / (dims[a] - 1) as f64))
@@ -133,7 +166,7 @@ mod tests {
     #[test]
     fn thick_slices_have_cells_of_the_finest_spacing() {
         let counts = |dims: [usize; 3], spacing: [f64; 3]| {
-            let grid = Grid { dims, spacing, origin: [0.0; 3] };
+            let grid = Grid::aligned(dims, spacing, [0.0; 3]);
             layout(&Placement::new(&grid, 2.0), 96).0
         };
         assert_eq!(counts([64, 64, 8], [1.0, 1.0, 12.0]), [64, 64, 85]);

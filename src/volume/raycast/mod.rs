@@ -3,7 +3,8 @@
 //! Casts each pixel's central ray front to back in steps of fixed length: trilinear values, the transfer function
 //! integrated over the values of each step, Blinn-Phong shading by the gradient with a headlight. Empty space is
 //! skipped without moving the steps, so that the result stays bit-identical. Each pixel is computed independently:
-//! results do not depend on threads. The plain f64 version is in `reference`.
+//! results do not depend on threads. Rays are turned into the box of the volume, whose axes may be permuted, mirrored
+//! or oblique in the scene. The plain f64 version is in `reference`.
 
 mod cells;
 mod field;
@@ -184,7 +185,7 @@ impl RayCaster {
         mut put: impl FnMut(usize, usize, Ray),
     ) -> bool {
         let (width, height) = (camera.width as usize, camera.height as usize);
-        let rays = Rays::new(camera);
+        let rays = Rays::new(camera, &self.placement);
         let columns = width.div_ceil(TILE);
         let count = columns * height.div_ceil(TILE);
         let block = columns * MIN_TILES.div_ceil(columns.max(1));
@@ -221,12 +222,12 @@ impl RayCaster {
         let Some((near, far)) = self.placement.clip(rays.eye, direction) else { return ray };
         let length = (far - near) / self.step;
         let count = length.ceil() as u32;
-        let entry = self.placement.to_voxel(rays.eye + near * direction).as_vec3().to_array();
+        let entry = self.placement.box_to_voxel(rays.eye + near * direction).as_vec3().to_array();
         let delta = (direction * self.step * self.placement.voxels_per_unit).as_vec3().to_array();
         let inverse = delta.map(f32::recip);
         let end = self.field.dims.map(|n| (n - 1) as f32);
         let light = (-direction).as_vec3().to_array();
-        let to_world = self.placement.voxels_per_unit.as_vec3().to_array().map(|v| v * self.gradient_unit);
+        let to_box = self.placement.voxels_per_unit.as_vec3().to_array().map(|v| v * self.gradient_unit);
         let (occupancy, wanted) = match only {
             Some(isolated) => (&isolated.occupancy, isolated.segment),
             None => (&self.occupancy, 0),
@@ -266,7 +267,7 @@ impl RayCaster {
                 ray.segment = segment;
             }
             let alpha = -(-extinction * part).exp_m1();
-            let color = if self.shading.enabled { self.shade([r, g, b], p, light, to_world) } else { [r, g, b] };
+            let color = if self.shading.enabled { self.shade([r, g, b], p, light, to_box) } else { [r, g, b] };
             let weight = through * alpha;
             for c in 0..3 {
                 ray.color[c] += weight * color[c];
@@ -300,10 +301,10 @@ impl RayCaster {
     /// Blinn-Phong with a headlight: light and eye coincide, so the half vector is the light's direction, and both
     /// sides of a surface are lit. Where the field is flat only ambient light remains.
     #[inline(always)]
-    fn shade(&self, color: [f32; 3], p: [f32; 3], light: [f32; 3], to_world: [f32; 3]) -> [f32; 3] {
+    fn shade(&self, color: [f32; 3], p: [f32; 3], light: [f32; 3], to_box: [f32; 3]) -> [f32; 3] {
         let s = &self.shading;
         let gradient = self.field.gradient(p);
-        let n: [f32; 3] = std::array::from_fn(|a| gradient[a] * to_world[a]);
+        let n: [f32; 3] = std::array::from_fn(|a| gradient[a] * to_box[a]);
         let square = n.iter().map(|v| v * v).sum::<f32>();
         let flat = gradient.iter().all(|g| g.abs() <= self.flat);
         let cos = if flat { 0.0 } else { (n[0] * light[0] + n[1] * light[1] + n[2] * light[2]).abs() / square.sqrt() };
@@ -322,20 +323,22 @@ struct Ray {
     segment: u16,
 }
 
-/// The rays of a camera: unit directions through pixel centres.
+/// The rays of a camera along the axes of a volume's box: unit directions through pixel centres.
 struct Rays {
     eye: DVec3,
-    to_world: DMat3,
+    to_box: DMat3,
     focal: [f64; 2],
     centre: [f64; 2],
 }
 
 impl Rays {
-    fn new(camera: &Camera) -> Self {
+    fn new(camera: &Camera, placement: &Placement) -> Self {
         let (rotation, _) = camera.world_to_camera_opencv();
+        let to_scene = rotation.transpose();
         Self {
-            eye: camera.position(),
-            to_world: rotation.transpose(),
+            eye: placement.to_box(camera.position()),
+            // an identity is not multiplied: pictures of aligned volumes keep their bits
+            to_box: placement.turn().map_or(to_scene, |turn| turn.transpose() * to_scene),
             focal: [camera.fx, camera.fy],
             centre: [camera.cx, camera.cy],
         }
@@ -347,6 +350,6 @@ impl Rays {
             (y as f64 + 0.5 - self.centre[1]) / self.focal[1],
             1.0,
         );
-        (self.to_world * local).normalize()
+        (self.to_box * local).normalize()
     }
 }

@@ -44,8 +44,8 @@ pub fn trace(
         (pixel[1] as f64 + 0.5 - camera.cy) / camera.fy,
         1.0,
     );
-    let direction = (rotation.transpose() * local).normalize();
-    let eye = camera.position();
+    let direction = placement.to_box((rotation.transpose() * local).normalize());
+    let eye = placement.to_box(camera.position());
     let mut out = [0.0; 4];
     let Some((near, far)) = placement.clip(eye, direction) else { return out };
     let step = step * placement.spacing().min_element();
@@ -55,9 +55,9 @@ pub fn trace(
     let mut t = near;
     while t < far {
         let length = step.min(far - t);
-        let p = placement.to_voxel(eye + (t + 0.5 * length) * direction);
+        let p = placement.box_to_voxel(eye + (t + 0.5 * length) * direction);
         let fraction = |t: f64| {
-            let value = sample(volume, placement.to_voxel(eye + t * direction));
+            let value = sample(volume, placement.box_to_voxel(eye + t * direction));
             (value - span[0]) / (span[1] - span[0])
         };
         let (from, to) = (fraction(t), fraction(t + length));

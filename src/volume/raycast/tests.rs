@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::data::paths::{FOV_X, Lens, RADIUS, training_cameras};
+use crate::volume::directions::Directions;
 use crate::volume::grid::Grid;
 use crate::volume::placement::published_side;
 use crate::volume::transfer::SegmentRange;
@@ -61,7 +62,7 @@ fn a_homogeneous_box_follows_beer_lambert() {
     for camera in training_cameras(5, RADIUS, lens(24)) {
         for step in [0.37, 1.0, 3.0] {
             let picture = caster(&v, &tf, step).render(&camera, None);
-            let rays = Rays::new(&camera);
+            let rays = Rays::new(&camera, &Placement::new(&v.grid, published_side()));
             let mut hit = 0;
             for y in 0..24 {
                 for x in 0..24 {
@@ -89,7 +90,7 @@ fn a_homogeneous_ball_has_the_length_of_its_chords() {
     let side = published_side();
     let camera = &training_cameras(3, RADIUS, lens(64))[1];
     let picture = caster(&v, &tf, 0.25).render(camera, None);
-    let rays = Rays::new(camera);
+    let rays = Rays::new(camera, &Placement::new(&v.grid, published_side()));
     let (mut worst, mut sum) = (0.0f64, 0.0);
     for y in 0..64 {
         for x in 0..64 {
@@ -108,10 +109,7 @@ fn a_homogeneous_ball_has_the_length_of_its_chords() {
 
 #[test]
 fn agrees_with_the_reference() {
-    let v = Volume {
-        grid: Grid { dims: [31, 24, 18], spacing: [1.0, 1.3, 2.0], origin: [0.0; 3] },
-        ..volume([31, 24, 18], bumpy)
-    };
+    let v = Volume { grid: Grid::aligned([31, 24, 18], [1.0, 1.3, 2.0], [0.0; 3]), ..volume([31, 24, 18], bumpy) };
     for shaded in [false, true] {
         let mut tf = plain(&[(0.05, 0.0), (0.3, 0.05), (0.5, 0.0), (0.55, 0.9)]);
         tf.shading = Shading { enabled: shaded, ..Shading::default() };
@@ -156,7 +154,7 @@ fn large_images_are_complete_and_can_be_interrupted() {
     let tf = plain(&[(0.2, 0.0), (0.3, 0.4)]);
     let camera = Camera::look_at(-DVec3::Y * RADIUS, DVec3::ZERO, DVec3::Z, FOV_X, 700, 530);
     let quick = caster(&v, &tf, 2.0);
-    let (picture, rays) = (quick.render(&camera, None), Rays::new(&camera));
+    let (picture, rays) = (quick.render(&camera, None), Rays::new(&camera, &Placement::new(&v.grid, published_side())));
     for (x, y) in (0..700).step_by(37).flat_map(|x| (0..530).step_by(31).map(move |y| (x, y))).chain([(699, 529)]) {
         let want = quick.cast(&rays, x, y, None, false).color;
         assert_eq!(picture.pixels[4 * (y * 700 + x)..][..4], want, "{x}, {y}");
@@ -294,5 +292,109 @@ fn pictures_do_not_depend_on_the_unit_of_the_data() {
     // the squares of gradients would be 0 and infinite
     for exponent in [-80, 66] {
         assert!(of(2f64.powi(exponent)) == usual, "2^{exponent}");
+    }
+}
+
+/// A volume on a turned grid with the values of the plain one at the same places, which is read along
+/// `axes` with the signs of `flips`.
+fn turned(v: &Volume, axes: [usize; 3], flips: [bool; 3]) -> Volume {
+    let dims = axes.map(|a| v.grid.dims[a]);
+    let plain = |at: [usize; 3]| -> [usize; 3] {
+        let mut index = [0; 3];
+        (0..3).for_each(|a| index[axes[a]] = if flips[a] { dims[a] - 1 - at[a] } else { at[a] });
+        index
+    };
+    let voxel = |i: usize| plain([i % dims[0], i / dims[0] % dims[1], i / (dims[0] * dims[1])]);
+    let values = (0..v.grid.len()).map(|i| {
+        let [x, y, z] = voxel(i);
+        v.values[(z * v.grid.dims[1] + y) * v.grid.dims[0] + x]
+    });
+    let steps = [0, 1, 2].map(|a| DVec3::AXES[axes[a]] * if flips[a] { -1.0 } else { 1.0 });
+    let (directions, _) = Directions::of_steps(steps.map(|s| s.to_array())).unwrap();
+    let origin = v.grid.position(DVec3::from_array(plain([0; 3]).map(|i| i as f64))).to_array();
+    let grid = Grid { dims, spacing: axes.map(|a| v.grid.spacing[a]), origin, directions };
+    Volume { values: values.collect(), grid }
+}
+
+fn difference(a: &Picture, b: &Picture) -> f32 {
+    a.pixels.iter().zip(&b.pixels).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+
+#[test]
+fn a_volume_stored_in_any_orientation_gives_the_same_pictures_and_cells() {
+    let grid = Grid::aligned([17, 13, 9], [1.0, 1.2, 2.0], [30.0, -5.0, 7.0]);
+    let v = Volume { grid, ..volume([17, 13, 9], bumpy) };
+    let mut tf = plain(&[(0.1, 0.0), (0.3, 0.4), (0.8, 0.9)]);
+    tf.shading = Shading::default();
+    tf.segments = vec![SegmentRange { name: "core".into(), range: [0.4, 1.0], color: None }];
+    let place = |v: &Volume| RayCaster::new(v, None, &tf, SPAN, Placement::new(&v.grid, published_side()), 0.5);
+    let cameras = training_cameras(3, RADIUS, lens(24));
+    let draw = |caster: &RayCaster| cameras.iter().map(|c| caster.render(c, None)).collect::<Vec<_>>();
+    let (pictures, cells) = (draw(&place(&v)), place(&v).cells(16));
+    assert!(pictures.iter().all(|p| p.coverage() > 0.05) && cells.ids.contains(&1));
+    let mirrored = Volume { grid, ..turned(&v, [0, 1, 2], [true, false, false]) };
+    let wrong = draw(&place(&mirrored)).iter().zip(&pictures).map(|(a, b)| difference(a, b)).fold(0.0, f32::max);
+    assert!(wrong > 0.1, "a mirrored volume would show: {wrong}");
+    for axes in ORDERS {
+        for flips in (0..8).map(|k| [k & 1 > 0, k & 2 > 0, k & 4 > 0]) {
+            let caster = place(&turned(&v, axes, flips));
+            let same = axes == ORDERS[0] && flips == [false; 3];
+            for (a, b) in draw(&caster).iter().zip(&pictures) {
+                assert!(
+                    if same { a == b } else { difference(a, b) < 2e-3 },
+                    "{axes:?} {flips:?}: {}",
+                    difference(a, b)
+                );
+            }
+            let found = caster.cells(16);
+            assert_eq!((found.dims, found.ids.len()), (cells.dims, cells.ids.len()), "{axes:?} {flips:?}");
+            assert!((0..3).all(|a| (found.origin[a] - cells.origin[a]).abs() < 1e-12));
+            // where a cell's centre is between two voxels, either is the nearest
+            let other = found.ids.iter().zip(&cells.ids).filter(|(a, b)| a != b).count();
+            assert!(other * 25 <= cells.ids.len(), "{other} of {} ids", cells.ids.len());
+            let sum = |c: &Cells| c.opacity.iter().map(|o| f64::from(*o)).sum::<f64>();
+            assert!((sum(&found) / sum(&cells) - 1.0).abs() < 0.02, "{} {}", sum(&found), sum(&cells));
+        }
+    }
+}
+
+#[test]
+fn an_oblique_volume_shows_what_lies_at_its_places() {
+    // the same field, sampled on an aligned grid and on an oblique, mirrored one: a ball beside the centre
+    let field = |p: DVec3| (1.0 - (p - DVec3::new(3.0, -2.0, 1.0)).length() / 6.0).max(0.0);
+    let (s, c) = 0.5f64.sin_cos();
+    let (directions, _) = Directions::of_steps([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, 1.0]]).unwrap();
+    let mut grids = [Grid::aligned([33; 3], [1.0; 3], [-16.0; 3]); 2];
+    let first = directions.matrix() * DVec3::splat(-16.0);
+    grids[1] = Grid { directions, origin: first.to_array(), ..grids[0] };
+    let tf = plain(&[(0.2, 0.0), (0.25, 0.5)]);
+    let casters = grids.map(|grid| {
+        let place =
+            |i: usize| field(grid.position(DVec3::from_array([i % 33, i / 33 % 33, i / 1089].map(|v| v as f64))));
+        let values = (0..grid.len()).map(|i| place(i) as f32).collect();
+        RayCaster::new(&Volume { grid, values }, None, &tf, SPAN, Placement::new(&grid, 1.0), 0.25)
+    });
+    for camera in training_cameras(4, RADIUS, lens(32)) {
+        let [a, b] = [0, 1].map(|i| casters[i].render(&camera, None));
+        let square: f32 = a.pixels.iter().zip(&b.pixels).map(|(a, b)| (a - b).powi(2)).sum();
+        let psnr = -10.0 * (square / a.pixels.len() as f32).log10();
+        assert!(a.coverage() > 0.005 && psnr > 40.0, "{psnr} dB, {}", a.coverage());
+    }
+    let centre = |caster: &RayCaster| {
+        let cells = caster.cells(40);
+        let (mut sum, mut weight) = (DVec3::ZERO, 0.0);
+        for (i, opacity) in cells.opacity.iter().enumerate() {
+            let at = [i % cells.dims[0], i / cells.dims[0] % cells.dims[1], i / (cells.dims[0] * cells.dims[1])];
+            let place: [f64; 3] = std::array::from_fn(|a| cells.origin[a] + cells.spacing[a] * at[a] as f64);
+            sum += DVec3::from_array(place) * f64::from(*opacity);
+            weight += f64::from(*opacity);
+        }
+        32.0 * sum / weight
+    };
+    for caster in &casters {
+        let found = centre(caster);
+        assert!((found - DVec3::new(3.0, -2.0, 1.0)).length() < 0.1, "{found}");
     }
 }

@@ -195,10 +195,88 @@ fn files_of_other_types_on_the_same_grid() {
     let a = one(&d, "t1.nrrd", &[0.5, 1.0]);
     write(d.path().join("t2.raw"), [7, 8]).unwrap();
     write(d.path().join("t2.toml"), "dims=[2,1,1]\ntype='u8'\norigin=[1,0,0]").unwrap();
-    let s = open(&[a, here(&d, "t2.raw")]).unwrap();
+    let files = [a, here(&d, "t2.raw")];
+    let message = refused(&files);
+    for words in ["t1.nrrd", "t2.raw", "[1.0, 0.0, 0.0]", "[0.0, 0.0, 0.0]", "--ignore-origin"] {
+        assert!(message.contains(words), "{words}: {message}");
+    }
+    let s = Series::open(&files, &SeriesOptions { ignore_origin: true, ..Default::default() }).unwrap();
     assert_eq!(s.load(1).unwrap().values, [7.0, 8.0]);
     assert_eq!(s.load(1).unwrap().grid.origin, [0.0; 3]);
     assert!(s.notes().iter().any(|n| n.contains("scalar type")) && s.notes().iter().any(|n| n.contains("origin")));
+}
+
+/// A file of one step with these header lines.
+fn lines(folder: &TempDir, name: &str, more: &str) -> String {
+    let path = folder.path().join(name);
+    let head = format!("NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 1 1\nencoding: raw\n{more}\n\n");
+    write(&path, [head.as_bytes(), &[7, 8]].concat()).unwrap();
+    path.to_string_lossy().into_owned()
+}
+
+#[test]
+fn files_of_a_series_agree_in_directions_space_and_unit() {
+    let d = dir();
+    let place = "space: LPS\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nspace units: \"mm\" \"mm\" \"mm\"";
+    let a = lines(&d, "a.nrrd", place);
+    for (name, from, to, words) in [
+        ("b.nrrd", "(1,0,0)", "(-1,0,0)", ["directions", "[-1.0, 0.0, 0.0]", "a.nrrd"]),
+        ("c.nrrd", "LPS", "RAS", ["space", "right-anterior-superior", "left-posterior-superior"]),
+        ("d.nrrd", "\"mm\" \"mm\" \"mm\"", "\"um\" \"um\" \"um\"", ["unit of length", "um", "mm"]),
+    ] {
+        let message = refused(&[a.clone(), lines(&d, name, &place.replace(from, to))]);
+        assert!(words.iter().all(|w| message.contains(w)), "{message}");
+    }
+    assert!(open(&[a, lines(&d, "e.nrrd", "spacings: 1 1 1")]).is_ok(), "what is not said agrees");
+}
+
+#[test]
+fn labels_lie_on_a_volume_or_elsewhere() {
+    let d = dir();
+    let of = |name: &str, more: &str| open(&[lines(&d, name, more)]).unwrap();
+    let volume = of("v.nrrd", "space: LPS\nspace directions: (2,0,0) (0,2,0) (0,0,2)\nspace origin: (10,20,30)");
+    let on = |labels: &Series| labels.lies_on(volume.grid(), volume.physical().axes);
+    // the same in the other convention, or without a word of space
+    let same = "space: RAS\nspace directions: (-2,0,0) (0,-2,0) (0,0,2)\nspace origin: (-10,-20,30)";
+    for (more, problem) in [
+        (same.to_owned(), None),
+        ("content: nothing".into(), None),
+        (same.replace("(-2,0,0)", "(2,0,0)"), Some("axes that lead to RPS, not to LPS")),
+        (same.replace("30", "33"), Some("the first voxel")),
+        (same.replace("-10", "-10.5"), None),
+        (same.replace("(0,0,2)", "(0,0,3)"), Some("spacing")),
+    ] {
+        match (on(&of("l.nrrd", &more)), problem) {
+            (Ok(()), None) => {}
+            (Err(said), Some(problem)) if said.contains(problem) => {}
+            (said, problem) => panic!("{more}: {said:?}, {problem:?}"),
+        }
+    }
+}
+
+#[test]
+fn times_and_units_are_those_of_the_file_or_the_options() {
+    let d = dir();
+    let path = d.path().join("t.nrrd");
+    let head = "NRRD0004\ntype: uchar\ndimension: 4\nsizes: 2 1 1 3\nencoding: raw\nspacings: 1 1 1 0.5\n\
+                axis mins: 0 0 0 2\nunits: \"mm\" \"mm\" \"mm\" \"s\"\n\n";
+    write(&path, [head.as_bytes(), &[0; 6]].concat()).unwrap();
+    let file = [path.to_string_lossy().into_owned()];
+    let known = |s: &Series| (s.time_values().map(<[f64]>::to_vec), s.time_unit().map(str::to_owned));
+    let s = open(&file).unwrap();
+    assert_eq!(known(&s), (Some(vec![2.0, 2.5, 3.0]), Some("s".into())));
+    assert_eq!((s.time(1), s.physical().length_unit.as_deref()), (0.5, Some("mm")));
+    let given = SeriesOptions { times: Some(vec![0.0, 1.0, 9.0]), ..Default::default() };
+    let s = Series::open(&file, &given).unwrap();
+    assert_eq!(known(&s), (given.times.clone(), None), "of no unit");
+    let units = SeriesOptions { time_unit: Some("ms".into()), length_unit: Some("um".into()), ..given };
+    let s = Series::open(&file, &units).unwrap();
+    assert_eq!((known(&s).1.as_deref(), s.physical().length_unit.as_deref()), (Some("ms"), Some("um")));
+    assert!(s.notes().iter().any(|n| n.contains("--length-unit um") && n.contains("mm")), "{:?}", s.notes());
+    let plain = one(&d, "p.nrrd", &[0.0, 1.0]);
+    let units = SeriesOptions { times: None, ..units };
+    let message = Series::open(&[plain], &units).map(|s| s.len()).unwrap_err().to_string();
+    assert!(message.contains("--time-unit") && message.contains("--time-values"), "{message}");
 }
 
 #[test]

@@ -160,7 +160,7 @@ impl Synthetic {
     pub fn sample(self, dims: [usize; 3], t: f64) -> (Volume, Labels) {
         let spacing = 2.0 / dims.into_iter().max().unwrap_or(1).max(1) as f64;
         let origin: [f64; 3] = std::array::from_fn(|a| 0.5 * spacing * (1.0 - dims[a] as f64));
-        let grid = Grid { dims, spacing: [spacing; 3], origin };
+        let grid = Grid::aligned(dims, [spacing; 3], origin);
         let axis = |a: usize| (0..dims[a]).map(|i| origin[a] + spacing * i as f64).collect::<Vec<f64>>();
         let (xs, ys, zs) = (axis(0), axis(1), axis(2));
         let mut values = vec![0.0_f32; grid.len()];

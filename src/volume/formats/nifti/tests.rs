@@ -1,5 +1,8 @@
 use super::*;
+use crate::data::calibration::AxisConvention;
+use crate::volume::source::TimeAxis;
 use flate2::{Compression, write::GzEncoder};
+use glam::{DMat3, DVec3};
 use proptest::prelude::*;
 use std::io::Write;
 
@@ -132,33 +135,82 @@ fn scales_and_takes_odd_slopes_as_none() {
     }
 }
 
-#[test]
-fn places_the_first_voxel_and_notes_what_is_ignored() {
+/// A header with an sform of these columns and this offset.
+fn with_sform(columns: [[f32; 3]; 3], offset: [f32; 3]) -> Vec<u8> {
     let mut f = four_d();
-    f[123] = 10;
     f[254] = 1; // sform_code
-    for (row, (scale, shift)) in [(0.5, 7.0), (2.0, 8.0), (3.0, 9.0)].into_iter().enumerate() {
-        set_f32(&mut f, 280 + 20 * row, scale);
-        set_f32(&mut f, 292 + 16 * row, shift);
+    for row in 0..3 {
+        for (c, column) in columns.iter().enumerate() {
+            set_f32(&mut f, 280 + 16 * row + 4 * c, column[row]);
+        }
+        set_f32(&mut f, 292 + 16 * row, offset[row]);
     }
+    f
+}
+
+#[test]
+fn the_sform_places_the_voxels_and_turns_the_axes() {
+    let ras = Some(AxisConvention::RightAnteriorSuperior);
+    let mut f = with_sform([[0.5, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]], [7.0, 8.0, 9.0]);
+    f[123] = 10; // mm, s
     let (h, _) = load("a.nii", &f).unwrap();
-    assert_eq!(h.grid.origin, [7.0, 8.0, 9.0]);
-    assert_eq!(h.notes.len(), 1, "{:?}", h.notes);
+    assert_eq!((h.grid.origin, h.grid.directions.is_aligned(), h.notes.len()), ([7.0, 8.0, 9.0], true, 0));
+    assert_eq!((h.physical.axes, h.physical.length_unit.as_deref()), (ras, Some("mm")));
     // the sform alone was changed
-    set_f32(&mut f, 280 + 20 * 2, 6.0);
+    f = with_sform([[0.5, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 6.0]], [7.0, 8.0, 9.0]);
     let (h, _) = load("a.nii", &f).unwrap();
     assert_eq!(h.grid.spacing, [0.5, 2.0, 6.0]);
     assert!(h.notes.iter().any(|n| n.contains("spacing 3 along axis 2 replaced by 6")), "{:?}", h.notes);
-    set_f32(&mut f, 280, -0.5);
-    assert!(load("a.nii", &f).unwrap().0.notes.iter().any(|n| n.contains("orientation ignored")));
-    f[254] = 0;
+    // permuted and mirrored
+    f = with_sform([[0.0, 0.0, -0.5], [-2.0, 0.0, 0.0], [0.0, 3.0, 0.0]], [7.0, 8.0, 9.0]);
+    let (h, _) = load("a.nii", &f).unwrap();
+    assert_eq!(h.grid.steps().to_cols_array_2d(), [[0.0, 0.0, -0.5], [-2.0, 0.0, 0.0], [0.0, 3.0, 0.0]]);
+    assert_eq!((h.grid.directions.code(ras), h.notes.len(), h.physical.length_unit), ("ILA".into(), 0, None));
+    // sheared, and without direction
+    f = with_sform([[0.5, 0.0, 0.0], [0.2, 2.0, 0.0], [0.0, 0.0, 3.0]], [0.0; 3]);
+    assert!(message(&f).contains("sform: the axes x and y are 84.29 degrees apart"), "{}", message(&f));
+    f = with_sform([[0.5, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 3.0]], [0.0; 3]);
+    assert!(message(&f).contains("sform"), "{}", message(&f));
+    f = with_sform([[0.5, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]], [f32::NAN; 3]);
+    assert!(message(&f).contains("not a valid position"), "{}", message(&f));
+}
+
+#[test]
+fn the_qform_turns_the_axes_by_its_quaternion() {
+    let mut f = four_d();
     f[252] = 1; // qform_code
     set_f32(&mut f, 268, 4.0);
-    assert_eq!(load("a.nii", &f).unwrap().0.grid.origin[0], 4.0);
-    set_f32(&mut f, 256, 0.7);
-    assert!(load("a.nii", &f).unwrap().0.notes.iter().any(|n| n.contains("orientation ignored")));
+    let (h, _) = load("a.nii", &f).unwrap();
+    assert_eq!((h.grid.origin[0], h.grid.directions.is_aligned()), (4.0, true));
+    assert_eq!(h.physical.axes, Some(AxisConvention::RightAnteriorSuperior));
+    // a quarter turn about x, left-handed: y leads to z, z backwards along -y
+    set_f32(&mut f, 256, std::f32::consts::FRAC_1_SQRT_2);
+    set_f32(&mut f, 76, -1.0);
+    let steps = load("a.nii", &f).unwrap().0.grid.steps();
+    let want = DMat3::from_cols(DVec3::X * 0.5, DVec3::Z * 2.0, DVec3::Y * 3.0);
+    assert!(steps.abs_diff_eq(want, 1e-6), "{steps}");
     set_f32(&mut f, 80, 0.0);
     assert_eq!(load("a.nii", &f).unwrap().0.grid.spacing[0], 1.0);
+    set_f32(&mut f, 260, 0.9);
+    assert!(message(&f).contains("unit quaternion"), "{}", message(&f));
+}
+
+#[test]
+fn the_times_of_steps_are_known_where_the_header_says() {
+    let time = |units: u8, step: f32, start: f32| {
+        let mut f = four_d();
+        f[123] = units;
+        set_f32(&mut f, 92, step);
+        set_f32(&mut f, 136, start);
+        load("a.nii", &f).unwrap().0.physical.time
+    };
+    let axis = |start, step, unit: Option<&str>| Some(TimeAxis { start, step, unit: unit.map(str::to_owned) });
+    assert_eq!(time(8 + 2, 2.5, 10.0), axis(10.0, 2.5, Some("s")));
+    assert_eq!(time(16, 1.0, 0.0), axis(0.0, 1.0, Some("ms")));
+    assert_eq!(time(0, 2.0, f32::NAN), axis(0.0, 2.0, None));
+    for (units, step) in [(0, 1.0), (8, 0.0), (8, f32::INFINITY), (32, 2.0)] {
+        assert_eq!(time(units, step, 0.0), None, "{units} {step}");
+    }
 }
 
 #[test]

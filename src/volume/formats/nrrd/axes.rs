@@ -1,6 +1,5 @@
-//! Decides which axes of an NRRD file are space and which is time, and where the grid lies. No data are read here.
+//! Decides which axes of an NRRD file are space and which is time. Where the grid lies is read in `place`.
 
-use super::super::common;
 use super::text::Text;
 use crate::volume::error::VolumeError;
 use std::path::Path;
@@ -12,12 +11,12 @@ pub struct Axes {
     pub dims: [u64; 3],
     /// Time steps.
     pub steps: u64,
-    /// True where time is the fastest axis in memory, before x.
-    pub time_first: bool,
-    /// Distance between voxels.
-    pub spacing: [f64; 3],
-    /// Centre of the first voxel.
-    pub origin: [f64; 3],
+    /// The axis of x: 1 where time is the fastest axis in memory, else 0.
+    pub first: usize,
+    /// The axis that is not space: 0, 3, or none.
+    pub other: Option<usize>,
+    /// The vectors of `space directions`, one for each axis of the file.
+    pub directions: Option<Vec<Option<Vec<f64>>>>,
     /// What was assumed or ignored.
     pub notes: Vec<String>,
 }
@@ -40,7 +39,7 @@ fn role(kind: &str) -> Role {
 }
 
 impl Axes {
-    /// Reads `dimension`, `sizes`, `kinds`, `spacings`, `space directions` and `space origin`.
+    /// Reads `dimension`, `sizes`, `kinds` and `space directions`.
     ///
     /// # Errors
     /// Not three axes of space and at most one of time, several components per voxel, or a malformed field.
@@ -68,18 +67,10 @@ impl Axes {
         }
         let mut notes = Vec::new();
         let other = other_axis(path, &sizes, kinds.as_deref(), directions.as_deref(), &mut notes)?;
-        let from = usize::from(other == Some(0));
-        let dims = [sizes[from], sizes[from + 1], sizes[from + 2]];
+        let first = usize::from(other == Some(0));
+        let dims = [sizes[first], sizes[first + 1], sizes[first + 2]];
         let steps = other.map_or(1, |axis| sizes[axis]);
-        let spacing = spacing(path, text, n, from, directions.as_deref(), &mut notes)?;
-        let origin = match text.get("spaceorigin") {
-            None => [0.0; 3],
-            Some(o) => match vectors(o).as_deref() {
-                Some([Some(v)]) if v.len() >= 3 => common::check_origin(path, "space origin", [v[0], v[1], v[2]])?,
-                _ => return Err(bad("space origin", format!("\"{o}\" is not a position"), "write it as (0,0,0)")),
-            },
-        };
-        Ok(Self { dims, steps, time_first: other == Some(0), spacing, origin, notes })
+        Ok(Self { dims, steps, first, other, directions, notes })
     }
 }
 
@@ -123,50 +114,8 @@ fn other_axis(
     }
 }
 
-fn spacing(
-    path: &Path,
-    text: &Text,
-    n: usize,
-    from: usize,
-    directions: Option<&[Option<Vec<f64>>]>,
-    notes: &mut Vec<String>,
-) -> Result<[f64; 3], VolumeError> {
-    let (field, mut spacing) = match (directions, text.get("spacings")) {
-        (Some(d), _) => {
-            let axes = &d[from..from + 3];
-            let along =
-                |a: usize, v: &[f64]| v.iter().enumerate().all(|(i, &c)| if i == a { c > 0.0 } else { c == 0.0 });
-            if axes.iter().enumerate().any(|(a, v)| v.as_deref().is_some_and(|v| !along(a, v))) {
-                notes.push("orientation ignored: the axes of the grid are used as x, y, z".into());
-            }
-            let length =
-                |v: &Option<Vec<f64>>| v.as_ref().map_or(f64::NAN, |v| v.iter().map(|c| c * c).sum::<f64>().sqrt());
-            ("space directions", [length(&axes[0]), length(&axes[1]), length(&axes[2])])
-        }
-        (None, Some(given)) => {
-            let values: Result<Vec<f64>, _> = given.split_whitespace().map(str::parse).collect();
-            let Some(v) = values.ok().filter(|v| v.len() == n) else {
-                let problem = format!("is not {n} numbers");
-                return Err(VolumeError::invalid(path, "spacings", problem, "give one for each axis"));
-            };
-            ("spacings", [v[from], v[from + 1], v[from + 2]])
-        }
-        (None, None) => ("spacings", [f64::NAN; 3]),
-    };
-    if spacing.iter().any(|s| s.is_nan()) {
-        notes.push("spacing is not given on every axis: 1 is used".into());
-    }
-    if spacing.iter().any(|&s| s < 0.0) {
-        notes.push("orientation ignored: a spacing is negative".into());
-    }
-    for s in &mut spacing {
-        *s = if s.is_nan() { 1.0 } else { s.abs() };
-    }
-    common::check_spacing(path, field, spacing)
-}
-
 /// Vectors `(1,0,0) (0,1,0) none ...`; `none` or all NaN is no vector.
-fn vectors(text: &str) -> Option<Vec<Option<Vec<f64>>>> {
+pub(super) fn vectors(text: &str) -> Option<Vec<Option<Vec<f64>>>> {
     let mut rest = text.trim();
     let mut found = Vec::new();
     while !rest.is_empty() {

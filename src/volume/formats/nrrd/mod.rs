@@ -3,6 +3,7 @@
 
 mod axes;
 mod data;
+mod place;
 #[cfg(test)]
 mod tests;
 mod text;
@@ -14,6 +15,7 @@ use crate::volume::grid::Grid;
 use crate::volume::source::{Header, VolumeFile};
 use axes::Axes;
 use data::{Data, Encoding, Selection};
+use place::Place;
 use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -21,8 +23,6 @@ use text::Text;
 
 /// Maximum length of a header, even of one that lists thousands of data files.
 const MAX_HEADER: u64 = 1 << 22;
-/// Names of the space that label volumes are written in.
-const LABEL_SPACES: [&str; 4] = ["left-posterior-superior", "LPS", "left-posterior-superior-time", "LPST"];
 
 /// Maximum number of bytes decompressed to read all steps of one compressed file: some hours.
 const MAX_UNPACKED: f64 = 1e13;
@@ -107,21 +107,17 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     }
     let data = Data { files, base, encoding, scalar, endian, line_skip, byte_skip, per_file: values / count };
     data.check(path)?;
-    if axes.time_first && encoding == Encoding::Gzip && shape.total_bytes as f64 * shape.steps as f64 > MAX_UNPACKED {
+    if axes.first == 1 && encoding == Encoding::Gzip && shape.total_bytes as f64 * shape.steps as f64 > MAX_UNPACKED {
         let problem =
             format!("time is the fastest axis, so each of the {} steps decompresses the whole file", shape.steps);
         return Err(bad("encoding", problem, "save it as raw, or with time as the last axis"));
     }
 
-    let grid = Grid { dims: shape.dims, spacing: axes.spacing, origin: axes.origin };
-    let other_space =
-        text.get("space").filter(|space| !LABEL_SPACES.iter().any(|known| known.eq_ignore_ascii_case(space)));
-    let other_space = other_space.map(|space| {
-        format!("space \"{space}\" is not kept: exported labels state left-posterior-superior unless --space is given")
-    });
-    let notes = text.notes.into_iter().chain(axes.notes).chain(other_space).collect();
-    let header = Header { grid, scalar, steps: shape.steps, notes };
-    Ok(Box::new(Nrrd { path: path.to_owned(), header, shape, time_first: axes.time_first, data }))
+    let place = Place::read(path, &text, &axes)?;
+    let grid = Grid { dims: shape.dims, ..place.grid };
+    let notes = text.notes.into_iter().chain(axes.notes).chain(place.notes).collect();
+    let header = Header { grid, scalar, steps: shape.steps, physical: place.physical, notes };
+    Ok(Box::new(Nrrd { path: path.to_owned(), header, shape, time_first: axes.first == 1, data }))
 }
 
 impl VolumeFile for Nrrd {

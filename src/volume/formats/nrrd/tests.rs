@@ -3,6 +3,9 @@
 use super::super::open;
 use super::super::tests::{all, dir, endians, mutated, refused, scalars, stored, survive};
 use super::*;
+use crate::data::calibration::AxisConvention;
+use crate::volume::directions::Directions;
+use crate::volume::source::{Physical, TimeAxis};
 use flate2::{Compression, write::GzEncoder};
 use proptest::prelude::*;
 use std::fs::write;
@@ -33,11 +36,63 @@ fn attached_raw_with_notes() {
         &[0, 1, 0, 2, 1, 0, 0, 4],
     );
     let header = open(&p).unwrap().header().clone();
-    assert_eq!(header.grid, Grid { dims: [2, 1, 2], spacing: [2.0, 3.0, 0.5], origin: [1.0, 2.0, -3.0] });
+    let directions = Directions::of_steps([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]).unwrap().0;
+    assert_eq!(header.grid, Grid { dims: [2, 1, 2], spacing: [2.0, 3.0, 0.5], origin: [1.0, 2.0, -3.0], directions });
+    assert_eq!(header.physical.axes, Some(AxisConvention::LeftPosteriorSuperior));
     assert_eq!(all(&p), [[1.0, 2.0, 256.0, 4.0]]);
     assert!(header.notes.iter().any(|n| n.contains("\"warp\" ignored")), "{:?}", header.notes);
-    assert!(header.notes.iter().any(|n| n.contains("orientation ignored")), "{:?}", header.notes);
-    assert!(!header.notes.iter().any(|n| n.contains("is not kept")), "{:?}", header.notes);
+    assert_eq!(header.notes.len(), 1, "{:?}", header.notes);
+}
+
+#[test]
+fn space_units_and_times_are_kept() {
+    let read = |more: &str| {
+        let (_d, p) = file(&format!("{U8}\n{more}"), b"abcd");
+        open(&p).unwrap().header().clone()
+    };
+    let flipped = "space directions: (-2,0,0) (0,0,3) (0,-0.5,0)\nspace origin: (30,40,-7)";
+    let steps = |h: &Header| h.grid.steps().to_cols_array_2d();
+    let ras = read(&format!("space: RAS\n{flipped}\nspace units: \"mm\" \"mm\" \"mm\""));
+    assert_eq!(steps(&ras), [[-2.0, 0.0, 0.0], [0.0, 0.0, 3.0], [0.0, -0.5, 0.0]]);
+    let Physical { length_unit, axes, time } = &ras.physical;
+    let known = (length_unit.as_deref(), *axes, time);
+    assert_eq!(known, (Some("mm"), Some(AxisConvention::RightAnteriorSuperior), &None));
+    assert!(ras.notes.is_empty(), "{:?}", ras.notes);
+    // a left-handed space is converted
+    let las = read(&format!("space: left-anterior-superior\n{flipped}"));
+    assert_eq!((steps(&las)[0], las.grid.origin), ([2.0, 0.0, 0.0], [-30.0, 40.0, -7.0]));
+    assert_eq!((las.physical.axes, las.physical.length_unit.clone()), (ras.physical.axes, None));
+    assert!(las.notes[0].contains("x changes its sign"), "{:?}", las.notes);
+    let left = read(&format!("space: 3D-left-handed\n{flipped}"));
+    assert_eq!((steps(&left)[1], left.grid.origin, left.physical.axes), ([0.0, 0.0, -3.0], [30.0, 40.0, 7.0], None));
+    // without directions
+    let plain = read("spacings: 1 -2 3\nunits: \"um\" \"um\" \"um\"");
+    assert_eq!((plain.grid.spacing, steps(&plain)[1]), ([1.0, 2.0, 3.0], [0.0, -2.0, 0.0]));
+    assert_eq!(plain.physical.length_unit.as_deref(), Some("um"));
+    assert_eq!(read("content: none").physical.length_unit.as_deref(), Some("voxels"));
+    let mixed = read("spacings: 1 2 3\nunits: \"mm\" \"mm\" \"cm\"");
+    assert!(mixed.physical.length_unit.is_none() && mixed.notes[0].contains("mm, mm, cm"), "{:?}", mixed.notes);
+    let odd = read(&format!("space: sideways\n{flipped}"));
+    assert!(odd.physical.axes.is_none() && odd.notes[0].contains("sideways"));
+    for (more, want) in [
+        ("space directions: (1,0,0) (0.1,1,0) (0,0,1)", "perpendicular"),
+        ("space directions: (1,0,0) (0,1,0) none", "no vector for axis 2"),
+        ("space directions: (1,0) (0,1) (1,1)", "three components"),
+        ("space directions: (1,0,0) (0,nan,0) (0,0,1)", "not a valid spacing"),
+    ] {
+        let (_d, p) = file(&format!("{U8}\n{more}"), b"abcd");
+        assert!(refused(&p).contains(want), "{more}: {}", refused(&p));
+    }
+    let time = |more: &str| {
+        let lines = format!("type: uchar\ndimension: 4\nsizes: 2 1 1 2\nencoding: raw\n{more}");
+        open(&file(&lines, b"abcd").1).unwrap().header().physical.time.clone()
+    };
+    let axis = |start, step, unit: Option<&str>| Some(TimeAxis { start, step, unit: unit.map(str::to_owned) });
+    assert_eq!(time("spacings: 1 1 1 0.5\naxis mins: 0 0 0 3\nunits: mm mm mm s"), axis(3.0, 0.5, Some("s")));
+    assert_eq!(time("spacings: 1 1 1 2"), axis(0.0, 2.0, None));
+    assert_eq!(time("spacings: 1 1 1 nan"), None);
+    let four = "space: LPST\nspace directions: (1,0,0,0) (0,1,0,0) (0,0,1,0) (0,0,0,4)\nspace origin: (1,2,3,10)";
+    assert_eq!(time(&format!("{four}\nspace units: mm mm mm ms")), axis(10.0, 4.0, Some("ms")));
 }
 
 #[test]

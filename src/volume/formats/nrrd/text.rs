@@ -5,16 +5,13 @@ use std::collections::{BTreeMap, HashSet};
 use std::path::Path;
 
 /// Fields of the standard that do not affect where voxels are or how they are stored.
-const UNUSED: [&str; 19] = [
+const UNUSED: [&str; 14] = [
     "content",
     "thicknesses",
-    "axismins",
     "axismaxs",
     "centers",
     "centerings",
     "labels",
-    "units",
-    "spaceunits",
     "sampleunits",
     "min",
     "max",
@@ -23,20 +20,23 @@ const UNUSED: [&str; 19] = [
     "number",
     "blocksize",
     "measurementframe",
-    "space",
-    "spacedimension",
 ];
 
 /// Fields that the reader uses.
-const USED: [&str; 11] = [
+const USED: [&str; 16] = [
     "type",
     "dimension",
     "sizes",
     "encoding",
     "endian",
     "spacings",
+    "axismins",
+    "units",
+    "space",
+    "spacedimension",
     "spacedirections",
     "spaceorigin",
+    "spaceunits",
     "kinds",
     "lineskip",
     "byteskip",

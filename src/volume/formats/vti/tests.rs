@@ -251,10 +251,16 @@ fn says_what_is_wrong_with_blocks() {
 }
 
 #[test]
-fn notes_a_turned_image_and_a_partial_piece() {
+fn keeps_directions_and_notes_a_partial_piece() {
     let bytes = file(Ascii, "", 48);
-    let (h, _) = changed(&bytes, "Spacing=", "Direction=\"0 1 0 1 0 0 0 0 1\" Spacing=").unwrap();
-    assert!(h.notes[0].contains("orientation ignored"));
+    // row by row: the image's x leads along z, its y backwards along x; the first value is at 1, 2, 3
+    let turn = |d: &str| changed(&bytes, "Spacing=", &format!("Direction=\"{d}\" Spacing="));
+    let (h, _) = turn("0 -1 0 0 0 1 1 0 0").unwrap();
+    assert_eq!(h.grid.steps().to_cols_array_2d(), [[0.0, 0.0, 0.5], [-1.0, 0.0, 0.0], [0.0, 2.0, 0.0]]);
+    assert_eq!((h.grid.origin, h.notes.len()), ([10.0 - 2.0, 20.0 + 6.0, 30.0 + 0.5], 0));
+    let sheared = turn("1 0.2 0 0 1 0 0 0 1").unwrap_err().to_string();
+    assert!(sheared.contains("Direction") && sheared.contains("perpendicular"), "{sheared}");
+    assert!(turn("1 0 0 0 0 0 0 0 1").unwrap_err().to_string().contains("Direction"));
     assert_eq!(load(&[b"\xef\xbb\xbf", &bytes[..]].concat()).unwrap().1[23], 23.0, "byte order mark");
     let (h, _) = changed(&bytes, "WholeExtent=\"1 2", "WholeExtent=\"0 9").unwrap();
     assert!(h.notes[0].contains("WholeExtent"));

@@ -20,8 +20,8 @@ pub(super) struct Document {
     pub piece_extent: [i32; 6],
     pub spacing: [f64; 3],
     pub origin: [f64; 3],
-    /// The axes of the image are not those of space.
-    pub turned: bool,
+    /// Unit vectors of the image's axes as columns, row by row.
+    pub direction: [f64; 9],
     pub point: Section,
     pub cell: Section,
     /// First byte of the appended data (after `_`), and whether it is raw (else base64).
@@ -129,6 +129,15 @@ fn underscore(path: &Path, src: impl BufRead, start: u64) -> Result<u64, VolumeE
     Err(VolumeError::invalid(path, "AppendedData", "does not start with an underscore", REWRITE))
 }
 
+/// The attributes of `ImageData`.
+#[derive(Clone, Copy, Debug)]
+struct Image {
+    extent: [i32; 6],
+    spacing: [f64; 3],
+    origin: [f64; 3],
+    direction: [f64; 9],
+}
+
 /// The parser's state.
 #[derive(Debug, Default)]
 struct State {
@@ -136,8 +145,7 @@ struct State {
     big_endian: bool,
     wide: bool,
     compressor: String,
-    image: Option<([i32; 6], [f64; 3], [f64; 3])>,
-    turned: bool,
+    image: Option<Image>,
     piece: Option<[i32; 6]>,
     point: Section,
     cell: Section,
@@ -167,15 +175,15 @@ impl State {
                 let spacing = at.numbers("Spacing")?.unwrap_or([1.0; 3]);
                 let origin = at.numbers("Origin")?.unwrap_or([0.0; 3]);
                 let identity = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
-                self.turned = at.numbers::<f64, 9>("Direction")?.is_some_and(|d| d != identity);
-                self.image = Some((extent, spacing, origin));
+                let direction = at.numbers("Direction")?.unwrap_or(identity);
+                self.image = Some(Image { extent, spacing, origin, direction });
             }
             "Piece" => {
                 if self.piece.is_some() {
                     return bad("Piece", "more than one piece".to_owned(), "write the image as one piece");
                 }
                 let at = Attributes::of(path, name, tag)?;
-                let whole = self.image.map(|(e, _, _)| e);
+                let whole = self.image.map(|image| image.extent);
                 self.piece = Some(at.numbers("Extent")?.or(whole).ok_or_else(|| at.missing("Extent"))?);
             }
             "PointData" | "CellData" if self.piece.is_some() => {
@@ -259,9 +267,10 @@ impl State {
         let missing = |field: &str| {
             VolumeError::invalid(path, field, "the file has none", "write the image again as a serial .vti file")
         };
-        let (whole_extent, spacing, origin) = self.image.ok_or_else(|| missing("ImageData"))?;
+        let Image { extent: whole_extent, spacing, origin, direction } =
+            self.image.ok_or_else(|| missing("ImageData"))?;
         let piece_extent = self.piece.ok_or_else(|| missing("Piece"))?;
-        let Self { big_endian, wide, compressor, turned, point, cell, appended, .. } = self;
+        let Self { big_endian, wide, compressor, point, cell, appended, .. } = self;
         Ok(Document {
             big_endian,
             wide,
@@ -270,7 +279,7 @@ impl State {
             piece_extent,
             spacing,
             origin,
-            turned,
+            direction,
             point,
             cell,
             appended,
