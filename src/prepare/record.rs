@@ -118,7 +118,9 @@ impl PrepareRecord {
     pub fn read(folder: &Path) -> Result<Option<Self>, RecordError> {
         let path = folder.join(FILE);
         let read = match read_text(&path) {
-            Ok(text) => serde_json::from_str(&text).map(Some).map_err(|e| e.to_string()),
+            Ok(text) => serde_json::from_str(&text)
+                .map(Some)
+                .map_err(|e| format!("{e}; make the dataset again with this version of `volseggs prepare`")),
             Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => Ok(None),
             Err(e) => Err(e.to_string()),
         };

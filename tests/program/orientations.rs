@@ -385,7 +385,7 @@ fn the_space_of_labels_is_that_of_the_data_unless_another_is_asked_for() {
     assert!(has(&header, "space directions: (1.5,0,0) (0,-2,0) (0,0,2.5)"), "{header}");
     assert!(has(&header, "space: left-posterior-superior"), "{header}");
     // the voxels of a file of the other convention, as they are described there
-    let (report, header) = export(&["--space", "none", "--threshold", "0.2"]);
+    let (report, header) = export(&["--space", "none"]);
     assert!(report["axes"].is_null() && has(&header, "space dimension: 3"), "{header}");
     // nothing anatomical is claimed of data that says nothing
     let (report, header) = export(&["--data", "vti"]);

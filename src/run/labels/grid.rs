@@ -239,9 +239,13 @@ fn prepared(record: &PrepareRecord, dims: Option<[usize; 3]>) -> LabelGrid {
     };
     let Aabb { min, max } = placement.bounds();
     let scene = over_box(min.to_array(), max.to_array(), dims);
-    let [low, high] = [min, max].map(|corner| (placement.centre + placement.scale * corner).to_array());
+    let [low, high] = match placement.turn() {
+        // exactly the outermost voxels
+        None => [DVec3::ZERO, DVec3::from_array(source.dims.map(|n| (n - 1) as f64))].map(|end| source.position(end)),
+        Some(_) => [min, max].map(|corner| placement.centre + placement.scale * corner),
+    };
     let Physical { axes, length_unit: unit, .. } = physical(record);
-    LabelGrid { scene, file: over_box(low, high, dims), axes, unit, is_source: false, turn: None }
+    LabelGrid { scene, file: over_box(low.to_array(), high.to_array(), dims), axes, unit, is_source: false, turn: None }
 }
 
 fn around(centre: [f32; 3], half: [f32; 3], dims: [usize; 3]) -> LabelGrid {
