@@ -2,7 +2,8 @@
 
 use super::CliError;
 use super::values::{pixels, point};
-use crate::run::cameras::{Surroundings, ViewChoice};
+use crate::data::Surroundings;
+use crate::run::cameras::ViewChoice;
 use crate::run::saved::SavedView;
 use crate::run::{OpenRun, Trained};
 use clap::Args;
@@ -12,7 +13,7 @@ use std::path::Path;
 /// A camera and the size of its image.
 #[derive(Debug, Clone, Args)]
 pub(super) struct ViewArgs {
-    /// Camera position x,y,z; it looks at the centre.
+    /// Camera position x,y,z in the coordinates of the dataset's cameras; it looks at the centre.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     camera: Option<DVec3>,
     /// Camera to use instead of --camera: the number of a test view of the dataset (from 0), a picture saved in
@@ -58,14 +59,11 @@ impl ViewArgs {
     }
 }
 
-/// The surroundings of a run, `width` pixels wide if that is given; any note about them is printed.
-pub(super) fn surroundings<S: Trained>(run: &OpenRun<S>, width: Option<u32>) -> Surroundings {
-    let around = run.surroundings();
-    if let Some(note) = &around.note {
-        errln!("note: {note}");
-    }
-    match width {
-        Some(width) => around.sized(width),
-        None => around,
-    }
+/// The surroundings of a run, `width` pixels wide if that is given.
+///
+/// # Errors
+/// If they are unknown, see [`OpenRun::surroundings`].
+pub(super) fn surroundings<S: Trained>(run: &OpenRun<S>, width: Option<u32>) -> Result<Surroundings, CliError> {
+    let around = run.surroundings()?;
+    Ok(width.map_or(around, |width| around.sized(width)))
 }

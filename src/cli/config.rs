@@ -85,7 +85,7 @@ pub struct ConfigArgs {
 
 #[derive(Debug, Subcommand)]
 enum Action {
-    /// Show every key with its value and where the value came from.
+    /// Show every key with its value and where the value came from, if a training could start with them.
     Show {
         #[command(flatten)]
         source: ConfigSource,
@@ -102,8 +102,11 @@ enum Action {
 impl ConfigArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         match self.action {
-            Action::Show { source, json: false } => out!("{}", source.resolve()?.show()),
-            Action::Show { source, json: true } => super::print_json(&source.resolve()?.value)?,
+            Action::Show { source, json } => {
+                let resolved = source.resolve()?;
+                method::check_new(&resolved.value)?;
+                if json { super::print_json(&resolved.value)? } else { out!("{}", resolved.show()) }
+            }
             Action::Schema => super::print_json(&file_schema(&Config::default()))?,
             Action::Presets => PRESETS.iter().for_each(|(name, text)| {
                 let comment: Vec<&str> = text.lines().map_while(|l| l.strip_prefix("# ")).collect();

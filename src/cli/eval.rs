@@ -70,7 +70,7 @@ impl EvalArgs {
                 times.join(", ")
             );
         }
-        let on = MeasuredOn::open(&run, self.data.as_deref())?;
+        let on = MeasuredOn::open(&run, self.data.as_deref(), self.split)?;
         let folder = results(&run, &on, self.split.as_str(), &KIND)?;
         let bar = progress::bar(split.frames.len(), "views");
         let evaluation = measure(&run, &split, &networks, &on, &folder, |done, psnr| {
@@ -139,8 +139,9 @@ pub(super) fn results<S: Trained>(
     }
     let folder = on.folder(run, what, kind)?;
     if !on.is_own(run) {
+        let why = if on.other_views { "has other views to measure than" } else { "is not" };
         errln!(
-            "note: {} is not the dataset that {} was trained on; results go to {}",
+            "note: {} {why} the dataset that {} was trained on; results go to {}",
             on.data.dataset.display(),
             run.path.display(),
             folder.display()

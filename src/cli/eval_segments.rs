@@ -1,10 +1,11 @@
 //! `volseggs eval --segments`
 
 use super::eval::results;
-use super::values::{cosine_f32, count, fraction, fraction_f32};
+use super::time::TimeArg;
+use super::values::{cosine_f32, count, fraction_f32};
 use super::{CliError, print_json, stop_flag};
 use crate::data::paths::Axis;
-use crate::data::{Camera, Truth};
+use crate::data::{Camera, SplitName, Truth};
 use crate::eval::segments::{
     KIND, Method, SegmentEvalError, SegmentOptions, Union, evaluate_segments, markdown, write_mask_pictures,
     write_results,
@@ -65,9 +66,9 @@ pub(super) struct SegmentFlags {
     /// Several known segments to click and measure as one, in addition to the others; may be repeated.
     #[arg(long = "score", value_name = "NAME=SEGMENT+SEGMENT", requires = "segments")]
     unions: Vec<Union>,
-    /// Time of the clicks in [0, 1]; the nearest training time is used, and segments are tracked to the other times.
-    #[arg(long, default_value_t = SegmentOptions::default().time, value_parser = fraction, requires = "segments")]
-    time: f64,
+    /// Time of the clicks, in [0, 1] or a time of the data, such as data:150; the nearest training time is used, and segments are tracked to the other times.
+    #[arg(long, value_name = "T", default_value_t = TimeArg::Scene(SegmentOptions::default().time), allow_negative_numbers = true, requires = "segments")]
+    time: TimeArg,
     /// Number of views with masks; for labels, at most this many of the dataset's views.
     #[arg(long, default_value_t = SegmentOptions::default().views, value_parser = count, requires = "segments")]
     mask_views: usize,
@@ -140,8 +141,8 @@ impl SegmentFlags {
         }
         self.check_mask_pictures()?;
         let masks = self.kind()?;
-        let root = data.unwrap_or(&run.record.dataset);
-        let truth = Truth::read(root)?;
+        let root = data.map_or_else(|| run.dataset(), |data| Ok(data.to_owned()))?;
+        let truth = Truth::read(&root)?;
         let known = |name: &String| truth.file.segments.iter().any(|s| s.name == *name);
         if let Some(name) = self.only.iter().find(|n| !known(n)) {
             let names: Vec<&str> = truth.file.segments.iter().map(|s| s.name.as_str()).collect();
@@ -150,11 +151,11 @@ impl SegmentFlags {
                 names.join(", ")
             )));
         }
-        let options = self.options(masks);
+        let options = self.options(masks, self.time.of("--time", run.calibration())?);
         if let Some(folder) = &self.mask_pictures {
             return write_pictures(run, &truth, &options, folder, json);
         }
-        let on = MeasuredOn::open(run, data)?;
+        let on = MeasuredOn::open(run, data, SplitName::Test)?;
         let what = match &options.masks {
             MaskKind::Regions => "segments".to_owned(),
             other => format!("segments-{}", other.name()),
@@ -176,10 +177,10 @@ impl SegmentFlags {
         Ok(())
     }
 
-    fn options(&self, masks: MaskKind) -> SegmentOptions {
+    fn options(&self, masks: MaskKind, time: f64) -> SegmentOptions {
         let seed = self.seed;
         SegmentOptions {
-            time: self.time,
+            time,
             methods: Method::ALL.into_iter().filter(|m| self.methods.contains(m)).collect(),
             segments: self.only.clone(),
             unions: self.unions.clone(),

@@ -8,9 +8,10 @@ use crate::data::{Aabb, Dataset, OpenOptions, SplitName, TruthVolume, VisualHull
 use crate::export::images::encode_png;
 use crate::export::ply;
 use crate::files::{RunPaths, check_file, write_named};
+use crate::memory::MIB;
 use crate::model::scene_file::{read_tensors, refuse_not_finite};
-use crate::run::status::status;
-use crate::train::{checkpoint, live};
+use crate::run::contents::{Contents, Item};
+use crate::train::checkpoint;
 use crate::volume::formats::READ;
 use clap::Args;
 use serde_json::json;
@@ -127,13 +128,31 @@ impl InspectArgs {
     }
 
     fn run_folder(&self) -> Result<(), CliError> {
-        let record = std::fs::read_to_string(RunPaths(&self.path).record())
-            .ok()
-            .and_then(|text| serde_json::from_str::<serde_json::Value>(&text).ok());
-        let recorded = record.as_ref().and_then(|record| record["status"].as_str());
-        let status = recorded.map(|recorded| status(&self.path, recorded));
-        let steps = live::read_all(&self.path, checkpoint::check_tensors).map_err(CliError::input)?;
-        self.show(&json!({ "kind": "run", "status": status, "record": record, "checkpoints": steps, "readable": steps.len() }))
+        let found = Contents::of(&self.path);
+        if self.json {
+            let mut value = serde_json::to_value(&found).map_err(CliError::failure)?;
+            value["kind"] = "run".into();
+            print_json(&value)?;
+        } else {
+            for Item { file, detail, ok } in &found.files {
+                outln!("{:4} {file}: {detail}", if *ok { "ok" } else { "FAIL" });
+            }
+            if let Some(psnr) = found.test_psnr {
+                outln!("     PSNR {psnr:.2} dB on the test views");
+            }
+            if let (Some(bytes), Some(record)) = (found.scene_bytes, &found.record) {
+                outln!("     scene of {:.2} MiB, {} Gaussians", bytes as f64 / MIB, record.gaussians);
+            }
+            let segments: Vec<String> =
+                found.segments.iter().map(|s| format!("{} ({} Gaussians)", s.name, s.gaussians)).collect();
+            if !segments.is_empty() {
+                outln!("     segments: {}", segments.join(", "));
+            }
+        }
+        match found.damaged() {
+            None => Ok(()),
+            Some(item) => Err(CliError::input(&item.detail)),
+        }
     }
 
     /// The ground truth of a dataset's segments at one time.

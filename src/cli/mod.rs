@@ -4,6 +4,7 @@ mod camera;
 mod compare;
 mod completions;
 mod config;
+mod data;
 mod demo;
 mod doctor;
 mod edit;
@@ -18,12 +19,14 @@ mod pack;
 mod prepare;
 mod prepare_inputs;
 mod raycast;
+mod relocate;
 mod render;
 mod segment;
 #[cfg(feature = "view")]
 mod serving;
 mod shown;
 mod sweep;
+mod time;
 mod track;
 mod train;
 mod values;
@@ -74,6 +77,7 @@ enum Command {
     View(view::ViewCommand),
     Export(export::ExportArgs),
     Pack(pack::PackArgs),
+    Relocate(relocate::RelocateArgs),
     Inspect(inspect::InspectArgs),
     Sweep(Box<sweep::SweepArgs>),
     Compare(compare::CompareArgs),
@@ -176,6 +180,7 @@ impl Cli {
             Command::View(args) => args.run(),
             Command::Export(args) => args.run(),
             Command::Pack(args) => args.run(),
+            Command::Relocate(args) => args.run(),
             Command::Inspect(args) => args.run(),
             Command::Sweep(args) => args.run(),
             Command::Compare(args) => args.run(),

@@ -2,11 +2,11 @@
 
 use super::values::{count, finite_f32};
 use super::{CliError, Common, print_json};
-use crate::data::SplitName;
 use crate::data::dataset::read_views;
+use crate::data::{Normalisation, SplitName};
 use crate::program;
-use crate::run::AnyRun;
-use crate::run::rendering::{Prepared, VolumeCosts, dataset_of, draw_run, table};
+use crate::run::rendering::{Prepared, VolumeCosts, draw_run, table};
+use crate::run::{AnyRun, dataset_of};
 use crate::volume::series::{Series, SeriesOptions};
 use clap::Args;
 use serde_json::json;
@@ -65,9 +65,11 @@ impl RaycastArgs {
         let (prepared, series) = (Prepared::open(&data)?, Series::open(&self.volume, &options)?);
         // invalid input is reported before anything is measured
         prepared.check(&series)?;
-        let views = |downscale| read_views(&data, SplitName::Test, downscale, Some(self.views));
+        let views =
+            |downscale, normalisation| read_views(&data, SplitName::Test, downscale, Some(self.views), normalisation);
         if let Some(downscale) = self.volumes_alone {
-            return print_json(&prepared.draw_volumes(&series, &views(downscale)?, self.steps)?);
+            let views = views(downscale, &Normalisation::NONE)?;
+            return print_json(&prepared.draw_volumes(&series, &views, self.steps)?);
         }
         series.notes().iter().for_each(|note| errln!("note: {note}"));
         let (_, device) = self.common.device()?;
@@ -76,7 +78,7 @@ impl RaycastArgs {
         let load_seconds = started.elapsed().as_secs_f64();
         let downscale = run.config.data.downscale;
         let volumes = volumes_alone(downscale)?;
-        let run = draw_run(&run, &views(downscale)?, &data, load_seconds)?;
+        let run = draw_run(&run, &views(downscale, &run.record.normalisation)?, &data, load_seconds)?;
         if self.common.json {
             return print_json(&json!({ "volumes": volumes, "run": run }));
         }

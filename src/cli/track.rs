@@ -1,7 +1,9 @@
 //! `volseggs track`
 
 use super::camera::{ViewArgs, surroundings};
-use super::values::{fraction, positive_f32};
+use super::data::DataArgs;
+use super::time::TimeArg;
+use super::values::positive_f32;
 use super::{CliError, Common, command_line, print_json};
 use crate::data::Camera;
 use crate::files::Work;
@@ -30,18 +32,18 @@ pub struct TrackArgs {
     /// Track them as one segment, under this name.
     #[arg(long, value_name = "NAME")]
     group: Option<Name>,
-    /// First time in [0, 1].
-    #[arg(long, value_name = "T", default_value_t = 0.0, value_parser = fraction, allow_negative_numbers = true)]
-    from: f64,
-    /// Last time in [0, 1]; if it is before the first, tracking goes backward.
-    #[arg(long, value_name = "T", default_value_t = 1.0, value_parser = fraction, allow_negative_numbers = true)]
-    to: f64,
+    /// First time: in [0, 1], or a time of the data, such as data:150.
+    #[arg(long, value_name = "T", default_value_t = TimeArg::Scene(0.0), allow_negative_numbers = true)]
+    from: TimeArg,
+    /// Last time, given likewise; if it is before the first, tracking goes backward.
+    #[arg(long, value_name = "T", default_value_t = TimeArg::Scene(1.0), allow_negative_numbers = true)]
+    to: TimeArg,
     /// Number of times, evenly spaced; at least 2.
     #[arg(long, value_name = "N", default_value_t = 51, value_parser = frames)]
     frames: usize,
-    /// A time in [0, 1] instead of evenly spaced ones; may be repeated, in any order.
-    #[arg(long, value_name = "T", value_parser = fraction, allow_negative_numbers = true, conflicts_with_all = ["from", "to", "frames"])]
-    at: Vec<f64>,
+    /// A time, given likewise, instead of evenly spaced ones; may be repeated, in any order.
+    #[arg(long, value_name = "T", allow_negative_numbers = true, conflicts_with_all = ["from", "to", "frames"])]
+    at: Vec<TimeArg>,
     /// Write a picture and a mask of each segment alone at each time.
     #[arg(long)]
     renders: bool,
@@ -50,6 +52,8 @@ pub struct TrackArgs {
     mask_alpha: f32,
     #[command(flatten)]
     view: ViewArgs,
+    #[command(flatten)]
+    data: DataArgs,
     /// Ignore the edits of the run.
     #[arg(long)]
     no_edits: bool,
@@ -60,8 +64,8 @@ pub struct TrackArgs {
 impl TrackArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long)?;
-        let (times, camera) = (self.times(), self.picture_camera(&run)?);
+        let run = self.data.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long)?)?;
+        let (times, camera) = (self.times(&run)?, self.picture_camera(&run)?);
         let asked = match self.at.len() {
             0 => format!("--frames {}", self.frames),
             n => format!("--at, {n} times"),
@@ -91,17 +95,18 @@ impl TrackArgs {
         self.print(&run, &camera, &found.unwrap_or_default())
     }
 
-    fn times(&self) -> Times {
-        if self.at.is_empty() {
-            Times::Even { from: self.from, to: self.to, frames: self.frames }
+    fn times(&self, run: &OpenRun) -> Result<Times, CliError> {
+        let of = |time: TimeArg, flag: &str| time.of(flag, run.calibration());
+        Ok(if self.at.is_empty() {
+            Times::Even { from: of(self.from, "--from")?, to: of(self.to, "--to")?, frames: self.frames }
         } else {
-            Times::At(self.at.clone())
-        }
+            Times::At(self.at.iter().map(|time| of(*time, "--at")).collect::<Result<_, _>>()?)
+        })
     }
 
     /// The camera of the pictures.
     fn picture_camera(&self, run: &OpenRun) -> Result<Camera, CliError> {
-        let full = surroundings(run, None);
+        let full = surroundings(run, None)?;
         let width = if self.renders { full.lens.width } else { full.lens.width.min(SHEET_CELL) };
         let around = full.sized(self.view.size.unwrap_or(width));
         check_lens(&format!("--size {}", around.lens.width), around.lens)?;

@@ -5,11 +5,12 @@ use super::watch::WatchArgs;
 use super::{CliError, Common, command_line, config::ConfigSource, print_json, stop_flag};
 use crate::files::RunPaths;
 use crate::method;
+use crate::run::dataset_of;
 use crate::shell;
 #[cfg(not(feature = "view"))]
 use crate::train::observer::NoObserver;
 use crate::train::observer::Observer;
-use crate::train::run::{RunOptions, RunOutcome, RunRecord, Start, lock};
+use crate::train::run::{RunOptions, RunOutcome, Start, lock};
 use crate::train::{advice, checkpoint, open_dataset};
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -153,21 +154,4 @@ impl TrainArgs {
         }
         Err(CliError::failure("interrupted"))
     }
-}
-
-/// The dataset that a run was trained on.
-fn dataset_of(run: &Path) -> Result<PathBuf, CliError> {
-    let path = RunPaths(run).record();
-    let wrong = |e: &dyn std::fmt::Display| {
-        CliError::input(format!("{}: {e}; give the folder that `volseggs train --out` made", path.display()))
-    };
-    let text = std::fs::read_to_string(&path).map_err(|e| wrong(&e))?;
-    let record: RunRecord = serde_json::from_str(&text).map_err(|e| wrong(&e))?;
-    if !record.dataset.is_dir() {
-        return Err(CliError::input(format!(
-            "{}: the dataset no longer exists here; give its folder with --data",
-            record.dataset.display()
-        )));
-    }
-    Ok(record.dataset)
 }

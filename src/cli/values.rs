@@ -105,7 +105,9 @@ mod tests {
         assert!(
             fraction("1.01").is_err() && cosine("-1.1").is_err() && count("0").is_err() && pixels("16385").is_err()
         );
-        assert!(point("1,2").is_err() && point("1,2,3,4").is_err() && point("1e300,0,0").is_err());
+        for bad in ["1,2", "1,2,3,4", "1,,3", "1e300,0,0"] {
+            assert!(point(bad).is_err(), "{bad}");
+        }
     }
 
     #[test]

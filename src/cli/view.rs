@@ -1,5 +1,6 @@
 //! `volseggs view`
 
+use super::data::DataArgs;
 use super::serving::{ServingArgs, explain};
 use super::{CliError, Common, stop_flag};
 use crate::view::listen::Serving;
@@ -20,6 +21,8 @@ pub struct ViewCommand {
     #[arg(long = "with", value_name = "RUN")]
     with: Vec<PathBuf>,
     #[command(flatten)]
+    data: DataArgs,
+    #[command(flatten)]
     serving: ServingArgs,
     #[command(flatten)]
     common: Common,
@@ -30,6 +33,7 @@ impl ViewCommand {
         let (_, device) = self.common.device()?;
         let options = ViewOptions {
             run: self.run,
+            data: self.data.data,
             with: self.with,
             device,
             reach: self.serving.reach(),

@@ -10,8 +10,15 @@
 //!
 //! A dataset without this record is measured in scene units, which outputs call "normalised".
 
+use super::DataError;
+use super::transforms::read_text;
+use crate::words::plain;
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use std::path::Path;
+
+/// The file in a dataset's folder in which `prepare` records it.
+pub const PREPARED: &str = "prepare.json";
 
 /// Which way the axes x, y, z of physical space point; all are right-handed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -138,6 +145,31 @@ pub struct Calibration {
 pub const NORMALISED: &str = "normalised";
 
 impl Calibration {
+    /// What `prepare` recorded in the dataset folder `root`. Nothing is known of a dataset from elsewhere.
+    ///
+    /// # Errors
+    /// A record that cannot be read.
+    pub fn of_dataset(root: &Path) -> Result<Self, DataError> {
+        #[derive(Deserialize)]
+        struct Prepared {
+            #[serde(default)]
+            calibration: Calibration,
+        }
+        let path = root.join(PREPARED);
+        if !path.exists() {
+            return Ok(Self::default());
+        }
+        let read = serde_json::from_str::<Prepared>(&read_text(&path)?);
+        read.map(|prepared| prepared.calibration).map_err(|e| DataError::Syntax {
+            frame: None,
+            line: e.line(),
+            column: e.column(),
+            problem: plain(&e.to_string()),
+            hint: "restore the file from a copy, or prepare the dataset again".to_owned(),
+            path,
+        })
+    }
+
     /// The physical position of a point of the scene, or the point itself if space is normalised.
     #[must_use]
     pub fn position(&self, scene: [f64; 3]) -> [f64; 3] {
@@ -174,6 +206,22 @@ impl Calibration {
         self.space.as_ref().map_or(NORMALISED, PhysicalSpace::unit_name)
     }
 
+    /// The unit of speeds in words, [`NORMALISED`] where neither lengths nor times have one.
+    #[must_use]
+    pub fn speed_unit(&self) -> String {
+        match (&self.space, &self.time) {
+            (None, None) => NORMALISED.to_owned(),
+            (Some(space), Some(time)) if space.unit.is_some() && time.unit.is_some() => {
+                format!("{}/{}", space.unit_name(), time.unit_name())
+            }
+            (space, time) => format!(
+                "{} per {}",
+                space.as_ref().map_or("scene unit", PhysicalSpace::unit_name),
+                time.as_ref().map_or("duration of the data", PhysicalTime::unit_name)
+            ),
+        }
+    }
+
     /// The unit of times in words, [`NORMALISED`] where there is none.
     #[must_use]
     pub fn time_unit(&self) -> &str {
@@ -207,14 +255,31 @@ mod tests {
         assert_eq!(time.to_scene(225.0), 0.5);
         assert_eq!((c.length_scale(), c.duration(), c.speed_scale()), (72.0, 250.0, 72.0 / 250.0));
         assert_eq!((c.length_unit(), c.time_unit()), ("mm", "data time units"));
+        assert_eq!(c.speed_unit(), "mm per data time units");
+        let per_second = PhysicalTime { unit: Some("s".into()), ..time.clone() };
+        assert_eq!(Calibration { time: Some(per_second), ..c.clone() }.speed_unit(), "mm/s");
+        assert_eq!(Calibration { time: None, ..c.clone() }.speed_unit(), "mm per duration of the data");
     }
 
     #[test]
     fn nothing_known_is_normalised() {
         let c = Calibration::default();
         assert_eq!((c.position([1.0, 2.0, 3.0]), c.time(0.3), c.speed_scale()), ([1.0, 2.0, 3.0], 0.3, 1.0));
-        assert_eq!((c.length_unit(), c.time_unit()), (NORMALISED, NORMALISED));
+        assert_eq!((c.length_unit(), c.time_unit(), &c.speed_unit()[..]), (NORMALISED, NORMALISED, NORMALISED));
         assert_eq!(serde_json::to_string(&c).unwrap(), "{}");
+    }
+
+    #[test]
+    fn a_dataset_from_elsewhere_has_none_and_a_damaged_record_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(Calibration::of_dataset(folder.path()).unwrap(), Calibration::default());
+        let path = folder.path().join(PREPARED);
+        let record = serde_json::json!({ "version": "1", "calibration": calibration() });
+        std::fs::write(&path, record.to_string()).unwrap();
+        assert_eq!(Calibration::of_dataset(folder.path()).unwrap(), calibration());
+        std::fs::write(&path, "{\n\"calibration\": 3}").unwrap();
+        let error = Calibration::of_dataset(folder.path()).unwrap_err();
+        assert!(error.is_input() && error.to_string().contains("prepare.json: line 2"), "{error}");
     }
 
     #[test]

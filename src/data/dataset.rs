@@ -5,10 +5,13 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+use super::calibration::Calibration;
 use super::camera::Camera;
 use super::error::DataError;
 use super::images::{ImageSet, common_size, downscaled_size, image_error};
-use super::transforms::{Intrinsics, Transforms, frame_names, read_text};
+use super::lens::check_lens;
+use super::normalisation::Normalisation;
+use super::transforms::{Transforms, frame_names, read_text};
 use crate::files::read_regular;
 
 /// The splits a dataset may have.
@@ -66,7 +69,7 @@ pub struct Frame {
     pub name: String,
     /// The image file.
     pub path: PathBuf,
-    /// The camera, for the image as loaded (after downscaling).
+    /// The camera in the scene (see [`Normalisation`]), for the image as loaded (after downscaling).
     pub camera: Camera,
     /// Time in [0, 1].
     pub time: f64,
@@ -143,7 +146,11 @@ pub struct Dataset {
     pub val: Option<Split>,
     /// The test split, if requested.
     pub test: Option<Split>,
+    /// The camera of the first training view, which is kept if views are left out.
+    pub first_camera: Camera,
     fingerprint: u64,
+    normalisation: Normalisation,
+    calibration: Calibration,
 }
 
 impl Dataset {
@@ -152,22 +159,42 @@ impl Dataset {
     /// # Errors
     /// A missing or invalid JSON file or image; a `downscale` that does not divide the image size.
     pub fn open(root: &Path, options: &OpenOptions<'_>) -> Result<Self, DataError> {
-        let read = |name: SplitName| {
-            let (downscale, max_views) = (options.downscale, options.max_views);
-            let wanted = options.splits.contains(&name);
-            wanted.then(|| read_split(root, name, downscale, max_views)).transpose()
-        };
         let (path, text) = (SplitName::Train.json_path(root), read_text(&SplitName::Train.json_path(root))?);
         let json = Transforms::parse(&path, &text)?;
         json.check_images()?;
         let all: Vec<PathBuf> = json.frames.iter().map(|f| f.image_path(root)).collect();
+        let normalisation = json.normalisation();
+        let read = |name: SplitName| {
+            let (downscale, max_views) = (options.downscale, options.max_views);
+            let wanted = options.splits.contains(&name);
+            wanted.then(|| read_split(root, name, downscale, max_views, Some(normalisation))).transpose()
+        };
         let train = match read(SplitName::Train)? {
             Some(split) => split,
-            None => outline(root, SplitName::Train, &json, options.downscale, options.max_views)?.0,
+            None => {
+                let json = json.normalised(&normalisation);
+                outline(root, SplitName::Train, &json, options.downscale, options.max_views)?.0
+            }
         };
         let fingerprint = fingerprint(&path, text.as_bytes(), &all, options.downscale)?;
         let (val, test) = (read(SplitName::Val)?, read(SplitName::Test)?);
-        Ok(Self { root: root.to_owned(), train, val, test, fingerprint })
+        // a split has at least one view
+        let first_camera = train.frames[0].camera.clone();
+        let calibration = normalisation.calibration(Calibration::of_dataset(root)?);
+        Ok(Self { root: root.to_owned(), train, val, test, first_camera, fingerprint, normalisation, calibration })
+    }
+
+    /// How the scene's coordinates, in which all cameras here are, follow from those of the dataset.
+    #[must_use]
+    pub fn normalisation(&self) -> Normalisation {
+        self.normalisation
+    }
+
+    /// Physical space and time of the scene, as far as the dataset gives them: as `prepare` recorded them, and the
+    /// [`Normalisation`].
+    #[must_use]
+    pub fn calibration(&self) -> Calibration {
+        self.calibration.clone()
     }
 
     /// The splits that have a JSON file under `root`.
@@ -218,13 +245,22 @@ pub fn scene_extent(frames: &[Frame]) -> f64 {
     1.1 * if spread > 1e-9 * mean.length() { spread } else { mean.length() }
 }
 
-/// Reads one split with its images; `downscale` and `max_views` as in [`OpenOptions`].
+/// Reads one split with its images; `downscale` and `max_views` as in [`OpenOptions`]. Cameras are moved into the scene
+/// by `normalisation`, for a run that of its training; by that of the dataset if it is not given.
 ///
 /// # Errors
 /// As for [`Dataset::open`].
-pub fn read_split(root: &Path, name: SplitName, downscale: u32, max_views: Option<usize>) -> Result<Split, DataError> {
+pub fn read_split(
+    root: &Path,
+    name: SplitName,
+    downscale: u32,
+    max_views: Option<usize>,
+    normalisation: Option<Normalisation>,
+) -> Result<Split, DataError> {
     let json = Transforms::read(&name.json_path(root))?;
     json.check_images()?;
+    let normalisation = normalisation.map_or_else(|| Normalisation::of_dataset(root), Ok)?;
+    let json = json.normalised(&normalisation);
     let (mut split, kept) = outline(root, name, &json, downscale, max_views)?;
     let paths = split.paths();
     // with fewer views than frames, a message must still give the frame's index in the file
@@ -232,12 +268,19 @@ pub fn read_split(root: &Path, name: SplitName, downscale: u32, max_views: Optio
     Ok(split)
 }
 
-/// The views of one split without their images; only the first image's size is read.
+/// The views of one split without their images, with cameras moved into the scene by `normalisation`; only the first
+/// image's size is read.
 ///
 /// # Errors
 /// As for [`Dataset::open`].
-pub fn read_views(root: &Path, name: SplitName, downscale: u32, max_views: Option<usize>) -> Result<Split, DataError> {
-    let json = Transforms::read(&name.json_path(root))?;
+pub fn read_views(
+    root: &Path,
+    name: SplitName,
+    downscale: u32,
+    max_views: Option<usize>,
+    normalisation: &Normalisation,
+) -> Result<Split, DataError> {
+    let json = Transforms::read(&name.json_path(root))?.normalised(normalisation);
     Ok(outline(root, name, &json, downscale, max_views)?.0)
 }
 
@@ -270,7 +313,7 @@ fn outline(
     let kept: Vec<usize> = (0..count).map(|i| i * total / count).collect();
     let first = json.frames[kept[0]].image_path(root);
     let full = common_size(&json.path, std::slice::from_ref(&first)).map_err(|e| renumber(e, &kept))?;
-    check_aspect(&json.path, &json.intrinsics, full)?;
+    check_lens(&json.path, &json.intrinsics, full)?;
     let (width, height) = downscaled_size(&json.path, full, downscale)?;
     let names = frame_names(&json.frames);
     let frames = kept
@@ -285,27 +328,13 @@ fn outline(
     Ok((Split { name, frames, images }, kept))
 }
 
-/// The images may be a scaled copy of the `w` x `h` given in the JSON, but not a cropped one.
-pub(super) fn check_aspect(path: &Path, intrinsics: &Intrinsics, (width, height): (u32, u32)) -> Result<(), DataError> {
-    let (Some(w), Some(h)) = (intrinsics.w, intrinsics.h) else {
-        return Ok(());
-    };
-    let (sx, sy) = (f64::from(width) / w, f64::from(height) / h);
-    if (sx / sy - 1.0).abs() <= 0.01 {
-        return Ok(());
-    }
-    let problem = format!("the aspect ratio of {w}x{h} differs from that of the images, {width}x{height}");
-    let hint = "correct `w` and `h`, or render the images at that aspect ratio";
-    Err(DataError::field_error(path, None, "w", problem, hint))
-}
-
-/// 16 hexadecimal digits that identify what runs are measured on: as [`Dataset::fingerprint`], but of the test views
-/// and the segments' ground truth, if there is any: its text and its volumes.
+/// 16 hexadecimal digits that identify what runs are measured on: as [`Dataset::fingerprint`], but of the views of
+/// `split` and the segments' ground truth, if there is any: its text and its volumes.
 ///
 /// # Errors
-/// Test views that are missing or cannot be read.
-pub fn measured_fingerprint(root: &Path) -> Result<String, DataError> {
-    let path = SplitName::Test.json_path(root);
+/// Views that are missing or cannot be read.
+pub fn measured_fingerprint(root: &Path, split: SplitName) -> Result<String, DataError> {
+    let path = split.json_path(root);
     let text = read_text(&path)?;
     let json = Transforms::parse(&path, &text)?;
     let images: Vec<PathBuf> = json.frames.iter().map(|f| f.image_path(root)).collect();

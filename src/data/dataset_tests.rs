@@ -58,12 +58,12 @@ fn loads_only_what_is_named() {
 #[test]
 fn views_are_thinned_evenly_and_errors_keep_the_file_number() {
     let folder = dataset(4, 8);
-    let split = read_split(folder.path(), SplitName::Train, 1, Some(2)).unwrap();
+    let split = read_split(folder.path(), SplitName::Train, 1, Some(2), None).unwrap();
     assert_eq!(split.frames.iter().map(|f| f.name.as_str()).collect::<Vec<_>>(), ["r_0", "r_2"]);
-    let text = read_split(folder.path(), SplitName::Train, 1, Some(0)).unwrap_err().to_string();
+    let text = read_split(folder.path(), SplitName::Train, 1, Some(0), None).unwrap_err().to_string();
     assert!(text.contains("max_views"), "{text}");
     std::fs::remove_file(folder.path().join("train/r_2.png")).unwrap();
-    let error = read_split(folder.path(), SplitName::Train, 1, Some(2)).unwrap_err();
+    let error = read_split(folder.path(), SplitName::Train, 1, Some(2), None).unwrap_err();
     assert_eq!(error.frame(), Some(2));
 }
 

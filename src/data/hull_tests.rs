@@ -7,7 +7,7 @@ use crate::data::dataset::{SplitName, read_split, test_data};
 #[test]
 fn a_sphere_is_found() {
     let folder = dataset(24, 64);
-    let split = read_split(folder.path(), SplitName::Train, 1, None).unwrap();
+    let split = read_split(folder.path(), SplitName::Train, 1, None, None).unwrap();
     let hull = VisualHull::carve(&split, &HullOptions::default()).unwrap();
     for x in hull.bounds.min.to_array().into_iter().chain(hull.bounds.max.to_array()) {
         assert!((0.49..0.58).contains(&x.abs()), "{:?}", hull.bounds);
@@ -31,7 +31,7 @@ fn a_sphere_is_found() {
 #[test]
 fn thread_count_does_not_matter() {
     let folder = dataset(8, 32);
-    let split = read_split(folder.path(), SplitName::Train, 1, None).unwrap();
+    let split = read_split(folder.path(), SplitName::Train, 1, None, None).unwrap();
     let run = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
@@ -47,7 +47,7 @@ fn thread_count_does_not_matter() {
 fn opaque_empty_and_unloaded_images() {
     let folder = tempfile::tempdir().unwrap();
     write_split(folder.path(), SplitName::Train, 6, 16);
-    let mut split = read_split(folder.path(), SplitName::Train, 1, None).unwrap();
+    let mut split = read_split(folder.path(), SplitName::Train, 1, None, None).unwrap();
     let start = view_box(&split);
     assert!((start.max.x - 4.0 * 0.25f64.tan()).abs() < 1e-6 && start.centre().length() < 1e-6);
 
@@ -78,7 +78,7 @@ fn opaque_empty_and_unloaded_images() {
 #[test]
 fn published_dataset() {
     let Some(root) = test_data() else { return };
-    let split = read_split(&root, SplitName::Train, 1, None).unwrap();
+    let split = read_split(&root, SplitName::Train, 1, None, None).unwrap();
     let clock = std::time::Instant::now();
     let hull = VisualHull::carve(&split, &HullOptions::default()).unwrap();
     let carving = clock.elapsed();

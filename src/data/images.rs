@@ -1,11 +1,11 @@
-//! Sets of equally large RGBA images in one block of bytes: decoding PNGs, area downscaling, compositing. Knows
+//! Sets of equally large RGBA images in one block of bytes: decoding PNGs and JPEGs, area downscaling, compositing. Knows
 //! nothing of cameras.
 
 use std::fs::File;
-use std::io::{BufReader, Read, Seek};
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use image::{ImageFormat, ImageReader, RgbaImage};
+use image::{ImageError, ImageFormat, ImageReader, RgbaImage};
 use rayon::prelude::*;
 
 use super::error::DataError;
@@ -32,31 +32,33 @@ impl ImageSet {
     /// Decodes `paths` in parallel, each reduced by the integer `downscale`. `json` is the file that lists them, in
     /// this order; it is used in messages only.
     ///
-    /// PNGs of 8 or 16 bits, in colour or grey, with or without alpha, are accepted; without alpha they are opaque.
+    /// PNGs of 8 or 16 bits, in colour or grey, with or without alpha, and JPEGs are accepted; without alpha they are
+    /// opaque.
     ///
     /// # Errors
-    /// The first image that is missing, broken or differs in size; a `downscale` that does not divide the size;
-    /// too little memory.
+    /// The first image that is missing, broken or differs in size, or in whether it has an alpha channel; a `downscale`
+    /// that does not divide the size; too little memory.
     pub fn load(json: &Path, paths: &[PathBuf], downscale: u32) -> Result<Self, DataError> {
         let (full_width, full_height) = common_size(json, paths)?;
         let (width, height) = downscaled_size(json, (full_width, full_height), downscale)?;
         check_memory(json, paths.len(), (full_width, full_height), downscale, Budget::now())?;
         let frame = width as usize * height as usize * Self::CHANNELS;
         let mut pixels = vec![0; frame * paths.len()];
-        let results: Vec<Result<(), DataError>> = pixels
+        let results: Vec<Result<bool, DataError>> = pixels
             .par_chunks_mut(frame.max(1))
             .zip(paths)
             .enumerate()
             .map(|(i, (out, path))| {
-                let image = decode(path).map_err(|problem| image_error(json, path, i, problem))?;
+                let (image, alpha) = decode(path).map_err(|problem| image_error(json, path, i, problem))?;
                 if image.dimensions() != (full_width, full_height) {
                     return Err(image_error(json, path, i, "its header and its content differ in size".to_owned()));
                 }
                 shrink(image.as_raw(), full_width as usize, downscale as usize, out, width as usize);
-                Ok(())
+                Ok(alpha)
             })
             .collect();
-        results.into_iter().collect::<Result<(), _>>()?;
+        let alpha = results.into_iter().collect::<Result<Vec<bool>, _>>()?;
+        refuse_mixed_alpha(json, paths, &alpha)?;
         Ok(Self { width, height, pixels })
     }
 
@@ -168,29 +170,70 @@ fn over(pixel: &[u8], background: [f32; 3]) -> [f32; 4] {
     [channel(0), channel(1), channel(2), a]
 }
 
-/// Decodes one PNG to 8-bit RGBA; the error says what is wrong with it.
-pub(crate) fn decode(path: &Path) -> Result<RgbaImage, String> {
+/// Refuses images of which some have an alpha channel (`alpha`) and others do not: the background is part of the data in
+/// one kind and not in the other.
+fn refuse_mixed_alpha(json: &Path, paths: &[PathBuf], alpha: &[bool]) -> Result<(), DataError> {
+    let Some(frame) = alpha.iter().position(|a| *a != alpha[0]) else { return Ok(()) };
+    let (with, without) = if alpha[0] { (0, frame) } else { (frame, 0) };
+    Err(DataError::Image {
+        path: paths[without].clone(),
+        json: json.to_owned(),
+        frame,
+        problem: format!("has no alpha channel, but {} has one", paths[with].display()),
+        hint: "render all images with a transparent background, or all over the same opaque one".to_owned(),
+    })
+}
+
+/// Decodes one PNG or JPEG to 8-bit RGBA, and returns whether it has an alpha channel; the error says what is wrong with
+/// it.
+pub(crate) fn decode(path: &Path) -> Result<(RgbaImage, bool), String> {
     let (width, height) = size(path)?;
     if u64::from(width) * u64::from(height) > LARGE {
         // as many images may be decoded at a time as there are threads
         let bytes = product(&[width as usize, height as usize, DECODING, rayon::current_num_threads()]);
         Budget::now().check(format!("decoding {width}x{height} pixels"), bytes).map_err(|e| e.to_string())?;
     }
-    let mut reader = open(path)?;
-    reader.set_format(ImageFormat::Png);
+    let (mut reader, kind) = open(path)?;
+    if kind == ImageFormat::Jpeg {
+        check_end(path)?;
+    }
     // memory was checked above; the crate's own limit is below the largest image that `prepare` writes
     reader.no_limits();
-    reader.decode().map(|image| image.to_rgba8()).map_err(|e| format!("not a readable PNG: {e}"))
+    let image = reader.decode().map_err(|e| unreadable(kind, &e))?;
+    Ok((image.to_rgba8(), image.color().has_alpha()))
 }
 
 /// Width and height from the header alone.
 pub(crate) fn size(path: &Path) -> Result<(u32, u32), String> {
-    let mut reader = open(path)?;
-    reader.set_format(ImageFormat::Png);
-    reader.into_dimensions().map_err(|e| format!("not a readable PNG: {e}"))
+    let (reader, kind) = open(path)?;
+    reader.into_dimensions().map_err(|e| unreadable(kind, &e))
 }
 
-fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, String> {
+fn unreadable(kind: ImageFormat, error: &ImageError) -> String {
+    format!("not a readable {}: {error}", if kind == ImageFormat::Jpeg { "JPEG" } else { "PNG" })
+}
+
+/// Refuses a JPEG that was cut off, of which the decoder would return a part: its end marker occurs nowhere else after
+/// the beginning.
+fn check_end(path: &Path) -> Result<(), String> {
+    const LAST: u64 = 4096;
+    let read = || -> std::io::Result<Vec<u8>> {
+        let mut file = open_regular(path)?;
+        let len = file.metadata()?.len();
+        let mut end = Vec::new();
+        file.seek(SeekFrom::Start(len.saturating_sub(LAST)))?;
+        file.take(LAST).read_to_end(&mut end)?;
+        Ok(end)
+    };
+    let end = read().map_err(|e| format!("cannot read the image: {e}"))?;
+    match end.windows(2).any(|w| w == b"\xff\xd9") {
+        true => Ok(()),
+        false => Err("not a readable JPEG: it ends too early".to_owned()),
+    }
+}
+
+/// Opens an image, whose first bytes tell whether it is a JPEG; anything else is read as a PNG.
+fn open(path: &Path) -> Result<(ImageReader<BufReader<File>>, ImageFormat), String> {
     let unreadable = |e: std::io::Error| format!("cannot read the image: {e}");
     let file = open_regular(path).map_err(|e| match e.kind() {
         std::io::ErrorKind::NotFound => "the image is missing".to_owned(),
@@ -201,7 +244,8 @@ fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, String> {
     file.by_ref().take(START as u64).read_to_end(&mut start).map_err(unreadable)?;
     check_claim(&start, len)?;
     file.rewind().map_err(unreadable)?;
-    Ok(ImageReader::new(file))
+    let kind = if start.starts_with(b"\xff\xd8\xff") { ImageFormat::Jpeg } else { ImageFormat::Png };
+    Ok((ImageReader::with_format(file, kind), kind))
 }
 
 /// Number of pixels above which memory is checked before an image is decoded.
@@ -227,9 +271,10 @@ fn check_memory(json: &Path, count: usize, full: (u32, u32), downscale: u32, bud
 
 pub(crate) fn image_error(json: &Path, path: &Path, frame: usize, problem: String) -> DataError {
     let hint = if problem.contains("missing") {
-        "check `file_path` (relative to the dataset folder, `.png` is appended) and that all images were copied"
+        "check `file_path` (relative to the dataset folder; `.png`, `.jpg` or `.jpeg` may be omitted) and that all images \
+         were copied"
     } else {
-        "render or copy the image again; only PNG is read"
+        "render or copy the image again; PNG and JPEG are read"
     };
     DataError::Image { path: path.to_owned(), json: json.to_owned(), frame, problem, hint: hint.to_owned() }
 }

@@ -56,13 +56,23 @@ fn every_bit_depth_and_colour_type_is_read() {
     for (image, path) in kinds.iter().zip(&paths) {
         image.save(path).unwrap();
     }
-    let set = ImageSet::load(Path::new("t.json"), &paths, 1).unwrap();
-    assert_eq!((set.len(), set.is_empty()), (5, false));
-    assert_eq!(&set.frame(0)[..4], [10, 200, 10, 128]);
+    let load = |which: &[usize], downscale| {
+        let paths: Vec<PathBuf> = which.iter().map(|i| paths[*i].clone()).collect();
+        ImageSet::load(Path::new("t.json"), &paths, downscale)
+    };
+    let set = load(&[1, 2, 3], 1).unwrap();
+    assert_eq!((set.len(), set.is_empty()), (3, false));
+    assert_eq!(&set.frame(0)[..4], [10, 200, 10, 255]);
     assert_eq!(&set.frame(1)[..4], [10, 200, 10, 255]);
-    assert_eq!(&set.frame(2)[..4], [10, 200, 10, 255]);
-    assert_eq!(set.frame(3)[3], 255);
-    assert_eq!(ImageSet::load(Path::new("t.json"), &paths, 2).unwrap().width, 1);
+    assert_eq!(set.frame(2)[3], 255);
+    let set = load(&[0, 4], 1).unwrap();
+    assert_eq!((&set.frame(0)[..4], set.frame(0)), (&[10, 200, 10, 128][..], set.frame(1)));
+    assert_eq!(load(&[0, 4], 2).unwrap().width, 1);
+    for mixed in [[0, 1], [3, 4]] {
+        let text = load(&mixed, 1).unwrap_err().to_string();
+        let words = ["has no alpha channel, but ", ".png has one", "frame 1", "Hint: "];
+        assert!(words.iter().all(|w| text.contains(w)), "{text}");
+    }
     assert!(ImageSet::load(Path::new("t.json"), &[], 1).unwrap().is_empty());
 }
 

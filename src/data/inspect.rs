@@ -3,12 +3,14 @@
 
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::dataset::{Dataset, SplitName};
 use super::images::{decode, size};
 use super::inspect_views::{cameras, times};
+use super::normalisation::Normalisation;
 use super::scan::{ROTATION_TOLERANCE, scan};
 use super::transforms::{FrameRecord, read_text, repeated, same_image};
 
@@ -141,44 +143,59 @@ fn inspect_split(report: &mut Report, root: &Path, name: SplitName, text: &str) 
     images(report, &mut facts, root, &path, &records);
     times(report, &mut facts, &records);
     cameras(report, &mut facts, &path, &scan, &records);
+    let normalisation = Normalisation::of(records.iter().map(|(_, record)| record.camera_to_world));
+    if name == SplitName::Train && !normalisation.is_none() {
+        let Normalisation { centre, scale } = normalisation;
+        let DVec3 { x, y, z } = centre;
+        report.notes.push(format!(
+            "the cameras are of unusual distance or place, so ({x}, {y}, {z}) is subtracted from all positions, which are \
+             then divided by {scale}; outputs are in the dataset's own units"
+        ));
+    }
     report.splits.push(facts);
 }
 
 /// Decodes every image once, in parallel, keeping only counts.
 fn images(report: &mut Report, facts: &mut SplitFacts, root: &Path, json: &Path, records: &[(usize, &FrameRecord)]) {
     let paths: Vec<PathBuf> = records.iter().map(|(_, r)| r.image_path(root)).collect();
-    let twice = same_image(records.iter().copied());
+    let twice = same_image(root, records.iter().copied());
     let twice = twice.and_then(|pair| Some((pair, &records.iter().find(|(i, _)| *i == pair.0)?.1.file_path)));
     let twice = twice.map(|(pair, file_path)| repeated(json, pair, file_path).to_string());
     report.check_list(&facts.name.clone(), "images differ", twice.into_iter().collect(), "each frame has its own");
-    let looked: Vec<Result<[u64; 4], String>> = paths.par_iter().map(|p| count_alpha(p)).collect();
-    let (mut missing, mut broken, mut odd) = (Vec::new(), Vec::new(), Vec::new());
+    let looked: Vec<Result<([u64; 4], bool), String>> = paths.par_iter().map(|p| count_alpha(p)).collect();
+    let (mut missing, mut broken, mut odd, mut mixed) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let (mut seen, mut opaque, mut pixels) = (0, 0, 0);
-    let mut first: Option<([u32; 2], usize)> = None;
+    let mut first: Option<([u32; 2], usize, bool)> = None;
     for (k, result) in looked.into_iter().enumerate() {
         let place = format!("{} (frame {} of {})", paths[k].display(), records[k].0, json.display());
         match result {
             Err(problem) if !paths[k].exists() => missing.push(format!("{place}: {problem}")),
             Err(problem) => broken.push(format!("{place}: {problem}")),
-            Ok([w, h, some, full]) => {
+            Ok(([w, h, some, full], alpha)) => {
                 let size = [w as u32, h as u32];
-                let (expected, at) = *first.get_or_insert((size, k));
+                let (expected, at, first_alpha) = *first.get_or_insert((size, k, alpha));
                 if size != expected {
                     let (a, b) = (paths[at].display(), expected);
                     odd.push(format!("{place} is {w}x{h}, but {a} is {}x{}", b[0], b[1]));
+                }
+                if alpha != first_alpha {
+                    let (has, other) = if alpha { ("an", "none") } else { ("no", "one") };
+                    mixed.push(format!("{place} has {has} alpha channel, but {} has {other}", paths[at].display()));
                 }
                 (seen, opaque, pixels) = (seen + some, opaque + full, pixels + w * h);
             }
         }
     }
     facts.missing_images = missing.len();
-    facts.resolution = first.map(|(size, _)| size);
+    facts.resolution = first.map(|(size, ..)| size);
     let n = paths.len();
-    let size = first.map_or_else(|| "no image could be read".to_owned(), |([w, h], _)| format!("{w}x{h} pixels"));
+    let size = first.map_or_else(|| "no image could be read".to_owned(), |([w, h], ..)| format!("{w}x{h} pixels"));
     let name = facts.name.clone();
     report.check_list(&name, "images present", missing, format!("{n} of {n}"));
-    report.check_list(&name, "images readable", broken, "all are PNGs that decode");
+    report.check_list(&name, "images readable", broken, "all decode");
     report.check_list(&name, "resolution", odd, size);
+    let channels = if first.is_some_and(|(.., alpha)| alpha) { "all have alpha" } else { "none has alpha" };
+    report.check_list(&name, "channels", mixed, channels);
     if pixels > 0 {
         let (some, full) = (seen as f64 / pixels as f64, opaque as f64 / pixels as f64);
         (facts.alpha_coverage, facts.alpha_opaque) = (Some(some), Some(full));
@@ -193,16 +210,16 @@ fn images(report: &mut Report, facts: &mut SplitFacts, root: &Path, json: &Path,
     }
 }
 
-/// Width, height, pixels with some alpha, pixels with full alpha.
-fn count_alpha(path: &Path) -> Result<[u64; 4], String> {
+/// Width, height, pixels with some alpha, pixels with full alpha; and whether there is an alpha channel.
+fn count_alpha(path: &Path) -> Result<([u64; 4], bool), String> {
     size(path)?;
-    let image = decode(path)?;
+    let (image, alpha) = decode(path)?;
     let (mut some, mut full) = (0, 0);
     for pixel in image.as_raw().chunks_exact(4) {
         some += u64::from(pixel[3] > 0);
         full += u64::from(pixel[3] == 255);
     }
-    Ok([u64::from(image.width()), u64::from(image.height()), some, full])
+    Ok(([u64::from(image.width()), u64::from(image.height()), some, full], alpha))
 }
 
 fn summary(problems: &[String]) -> String {

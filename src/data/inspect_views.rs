@@ -1,8 +1,8 @@
 //! The checks of times, lens and camera layout, from the JSON alone. Used by `inspect` alone.
 
 use super::camera::{Camera, look_at_point};
-use super::dataset::check_aspect;
 use super::inspect::{Report, SplitFacts};
+use super::lens::check_lens;
 use super::scan::Scan;
 use super::transforms::FrameRecord;
 use std::path::Path;
@@ -65,7 +65,7 @@ pub(super) fn cameras(
             one.cy
         );
         report.check(&name, "lens", (0.9..1.1).contains(&ratio), detail);
-        let aspect = check_aspect(json, &scan.intrinsics, (w, h));
+        let aspect = check_lens(json, &scan.intrinsics, (w, h));
         report.check_list(
             &name,
             "aspect",

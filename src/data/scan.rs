@@ -8,6 +8,7 @@ use serde_json::{Map, Value};
 
 use super::error::DataError;
 use super::lenient::parse_lenient;
+use super::lens::Lenses;
 use super::transforms::{FrameRecord, Intrinsics};
 
 /// Maximum deviation of the bottom row of a pose from `[0, 0, 0, 1]`.
@@ -60,7 +61,12 @@ impl Scanner<'_> {
     }
 
     fn top(&mut self, top: &Map<String, Value>) {
-        self.intrinsics(top);
+        let mut lenses = Lenses::new(self.path, top, &mut self.out.problems);
+        self.frames(top, &mut lenses);
+        self.out.intrinsics = lenses.lens(&mut self.out.problems);
+    }
+
+    fn frames(&mut self, top: &Map<String, Value>, lenses: &mut Lenses<'_>) {
         let Some(frames) = top.get("frames").and_then(Value::as_array) else {
             let problem = format!("{} where a list of frames is needed", kind(top.get("frames")));
             return self.problem(None, "frames", problem, "add \"frames\": [{...}, ...], one entry per image");
@@ -69,67 +75,19 @@ impl Scanner<'_> {
             self.problem(None, "frames", "the list is empty", "a split needs at least one frame");
         }
         for (i, frame) in frames.iter().enumerate() {
-            let record = self.frame(i, frame);
+            let record = self.frame(i, frame, lenses);
             self.out.frames.push(record);
         }
     }
 
-    fn intrinsics(&mut self, top: &Map<String, Value>) {
-        let mut number = |field: &str, low: f64, high: f64, must: &str| -> Option<f64> {
-            let value = top.get(field)?;
-            match value.as_f64().filter(|x| *x > low && *x < high) {
-                Some(x) => Some(x),
-                None => {
-                    let problem = format!("{} where {must} is needed", show(value));
-                    self.problem(None, field, problem, "correct the number, or remove the field if another defines it");
-                    None
-                }
-            }
-        };
-        let pi = std::f64::consts::PI;
-        let angle = "an angle in radians between 0 and pi";
-        let pixels = "a positive number of pixels";
-        let intrinsics = Intrinsics {
-            camera_angle_x: number("camera_angle_x", 0.0, pi, angle),
-            camera_angle_y: number("camera_angle_y", 0.0, pi, angle),
-            fl_x: number("fl_x", 0.0, 1e9, pixels),
-            fl_y: number("fl_y", 0.0, 1e9, pixels),
-            cx: number("cx", -1e9, 1e9, "a pixel position"),
-            cy: number("cy", -1e9, 1e9, "a pixel position"),
-            w: number("w", 0.0, 1e6, pixels),
-            h: number("h", 0.0, 1e6, pixels),
-        };
-        if !top.contains_key("camera_angle_x") && !top.contains_key("fl_x") {
-            let hint = "add the horizontal field of view in radians (or `fl_x` in pixels) at the top level";
-            self.problem(None, "camera_angle_x", "missing, and there is no `fl_x` either", hint);
-        }
-        let Intrinsics { fl_x, fl_y, cx, cy, .. } = &intrinsics;
-        let in_pixels = [fl_x, fl_y, cx, cy].into_iter().any(Option::is_some);
-        if in_pixels && (intrinsics.w.is_none() || intrinsics.h.is_none()) {
-            let hint = "give the size in pixels that `fl_x`, `fl_y`, `cx` and `cy` refer to";
-            self.problem(None, "w", "`w` and `h` are required with `fl_x`, `fl_y`, `cx` or `cy`", hint);
-        }
-        for field in ["k1", "k2", "k3", "k4", "p1", "p2"] {
-            if top.get(field).and_then(Value::as_f64).is_some_and(|x| x != 0.0) {
-                self.problem(None, field, "lens distortion is not supported", "undistort the images first");
-            }
-        }
-        self.out.intrinsics = intrinsics;
-    }
-
-    fn frame(&mut self, i: usize, value: &Value) -> Option<FrameRecord> {
+    fn frame(&mut self, i: usize, value: &Value, lenses: &mut Lenses<'_>) -> Option<FrameRecord> {
         let at = Some(i);
         let Some(frame) = value.as_object() else {
             let problem = format!("{} where an object is needed", show(value));
             self.problem(at, "frames", problem, "each frame is {\"file_path\", \"transform_matrix\", \"time\"}");
             return None;
         };
-        for field in ["camera_angle_x", "fl_x", "fl_y", "cx", "cy"] {
-            if frame.contains_key(field) {
-                let hint = "move the field to the top level; all frames of a split share one lens";
-                self.problem(at, field, "intrinsics per frame are not supported", hint);
-            }
-        }
+        lenses.add(i, frame, &mut self.out.problems);
         let file_path = match frame.get("file_path").and_then(Value::as_str).filter(|s| !s.trim().is_empty()) {
             Some(text) => Some(text.to_owned()),
             None => {
@@ -218,7 +176,7 @@ fn read_rows(value: Option<&Value>) -> Result<[[f64; 4]; 4], String> {
 }
 
 /// Formats a value for a message: numbers and words as they are, the rest by kind.
-fn show(value: &Value) -> String {
+pub(super) fn show(value: &Value) -> String {
     match value {
         Value::Number(n) => n.to_string(),
         Value::Bool(b) => b.to_string(),

@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 
 use super::camera::Camera;
 use super::error::DataError;
+use super::normalisation::Normalisation;
 use super::scan::scan;
 use crate::files::write_atomic;
 
@@ -35,6 +36,21 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
+    /// The names of the fields in the JSON, in the order of [`Self::values`].
+    pub(super) const FIELDS: [&str; 8] = ["camera_angle_x", "camera_angle_y", "fl_x", "fl_y", "cx", "cy", "w", "h"];
+
+    /// The values of [`Self::FIELDS`].
+    pub(super) fn values(&self) -> [Option<f64>; 8] {
+        let Self { camera_angle_x, camera_angle_y, fl_x, fl_y, cx, cy, w, h } = *self;
+        [camera_angle_x, camera_angle_y, fl_x, fl_y, cx, cy, w, h]
+    }
+
+    /// The lens with these values of [`Self::FIELDS`].
+    pub(super) fn from_values(values: [Option<f64>; 8]) -> Self {
+        let [camera_angle_x, camera_angle_y, fl_x, fl_y, cx, cy, w, h] = values;
+        Self { camera_angle_x, camera_angle_y, fl_x, fl_y, cx, cy, w, h }
+    }
+
     /// The camera of a `width` x `height` image at `camera_to_world`; values in pixels of `w` x `h` are scaled
     /// to that size.
     #[must_use]
@@ -70,30 +86,38 @@ pub struct FrameRecord {
 }
 
 impl FrameRecord {
-    /// The image file under `root`; `.png` is appended to paths without it.
+    /// The image file under `root`. A path without the extension of an image gets that of the file that is there: the
+    /// first of `.png`, `.jpg` and `.jpeg`, in lower or upper case; `.png` if there is none.
     #[must_use]
     pub fn image_path(&self, root: &Path) -> PathBuf {
         let relative = self.file_path.strip_prefix("./").unwrap_or(&self.file_path);
-        if relative.to_ascii_lowercase().ends_with(".png") {
-            root.join(relative)
-        } else {
-            root.join(format!("{relative}.png"))
+        if without_extension(relative).is_some() {
+            return root.join(relative);
         }
+        let with = |extension: &str| root.join(format!("{relative}.{extension}"));
+        let upper = EXTENSIONS.map(str::to_ascii_uppercase);
+        let mut all = EXTENSIONS.into_iter().chain(upper.iter().map(String::as_str)).map(with);
+        all.find(|path| path.is_file()).unwrap_or_else(|| with(EXTENSIONS[0]))
     }
 
-    /// A short name: the file name without folder and `.png`.
+    /// A short name: the file name without folder and the extension of an image.
     #[must_use]
     pub fn name(&self) -> String {
         let name = self.file_path.rsplit('/').next().unwrap_or(&self.file_path);
-        let cut = name.len().saturating_sub(4);
-        match name.get(cut..) {
-            Some(end) if end.eq_ignore_ascii_case(".png") => name[..cut].to_owned(),
-            _ => name.to_owned(),
-        }
+        without_extension(name).unwrap_or(name).to_owned()
     }
 }
 
-/// A name for each frame: [`FrameRecord::name`], or the path without `./` and `.png` for those that would share one.
+/// Extensions of images that are read, the preferred one first.
+const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// `path` without the extension of an image; `None` if it has none.
+fn without_extension(path: &str) -> Option<&str> {
+    let (rest, end) = path.rsplit_once('.')?;
+    EXTENSIONS.iter().any(|e| end.eq_ignore_ascii_case(e)).then_some(rest)
+}
+
+/// A name for each frame: [`FrameRecord::name`], or the path without `./` and extension for those that would share one.
 pub(super) fn frame_names(records: &[FrameRecord]) -> Vec<String> {
     let short: Vec<String> = records.iter().map(FrameRecord::name).collect();
     let mut counts: HashMap<&str, usize> = HashMap::new();
@@ -107,11 +131,14 @@ pub(super) fn frame_names(records: &[FrameRecord]) -> Vec<String> {
     records.iter().zip(&short).map(name).collect()
 }
 
-/// The first two frames of `records` (each with its index) that refer to one image file, the later one first.
-pub(crate) fn same_image<'a>(records: impl Iterator<Item = (usize, &'a FrameRecord)>) -> Option<(usize, usize)> {
+/// The first two frames of `records` (each with its index) that refer to one image file under `root`, the later one first.
+pub(crate) fn same_image<'a>(
+    root: &Path,
+    records: impl Iterator<Item = (usize, &'a FrameRecord)>,
+) -> Option<(usize, usize)> {
     let mut first: HashMap<PathBuf, usize> = HashMap::new();
     for (i, record) in records {
-        match first.entry(plain(&record.image_path(Path::new("")))) {
+        match first.entry(plain(&record.image_path(root))) {
             Entry::Vacant(new) => drop(new.insert(i)),
             Entry::Occupied(known) => return Some((i, *known.get())),
         }
@@ -168,12 +195,25 @@ impl Transforms {
         }
     }
 
+    /// The normalisation of a dataset with these training views, see [`Normalisation::of`].
+    #[must_use]
+    pub fn normalisation(&self) -> Normalisation {
+        Normalisation::of(self.frames.iter().map(|f| f.camera_to_world))
+    }
+
+    /// The same frames with poses in the scene.
+    #[must_use]
+    pub fn normalised(mut self, normalisation: &Normalisation) -> Self {
+        self.frames.iter_mut().for_each(|f| f.camera_to_world = normalisation.pose(f.camera_to_world));
+        self
+    }
+
     /// Rejects two frames with the same image: at most one of their poses is right.
     ///
     /// # Errors
     /// The first such pair, with the indices of both frames.
     pub fn check_images(&self) -> Result<(), DataError> {
-        match same_image(self.frames.iter().enumerate()) {
+        match same_image(self.path.parent().unwrap_or(Path::new("")), self.frames.iter().enumerate()) {
             None => Ok(()),
             Some((frame, other)) => Err(repeated(&self.path, (frame, other), &self.frames[frame].file_path)),
         }
@@ -190,18 +230,8 @@ impl Transforms {
                 json!({ "file_path": f.file_path, "transform_matrix": rows, "time": f.time })
             })
             .collect();
-        let lens = &self.intrinsics;
         let mut top = serde_json::Map::new();
-        for (field, value) in [
-            ("camera_angle_x", lens.camera_angle_x),
-            ("camera_angle_y", lens.camera_angle_y),
-            ("fl_x", lens.fl_x),
-            ("fl_y", lens.fl_y),
-            ("cx", lens.cx),
-            ("cy", lens.cy),
-            ("w", lens.w),
-            ("h", lens.h),
-        ] {
+        for (field, value) in Intrinsics::FIELDS.into_iter().zip(self.intrinsics.values()) {
             if let Some(value) = value {
                 top.insert(field.to_owned(), json!(value));
             }

@@ -84,15 +84,87 @@ fn bad_times_paths_and_lenses_are_refused() {
     refused(|v| v["frames"][2]["time"] = json!(-1e-9), Some(2), "time", "outside");
     refused(|v| v["frames"][2]["time"] = json!("0.5"), Some(2), "time", "finite");
     refused(|v| v["frames"][2]["file_path"] = json!(" "), Some(2), "file_path", "empty");
-    refused(|v| v["frames"][2]["fl_x"] = json!(10), Some(2), "fl_x", "per frame");
+    refused(|v| v["frames"][2]["fl_x"] = json!(10), Some(2), "fl_x", "is 10, but not given in frame 0");
+    refused(|v| v["frames"][2]["w"] = json!("8"), Some(2), "w", "a string where");
     refused(|v| v["frames"][2] = json!(3), Some(2), "frames", "3 where an object");
     refused(|v| v["frames"] = json!([]), None, "frames", "empty");
     refused(|v| v["frames"] = json!({}), None, "frames", "an object");
     refused(|v| v["camera_angle_x"] = json!(30), None, "camera_angle_x", "radians");
     refused(|v| v["k1"] = json!(0.1), None, "k1", "distortion");
+    refused(|v| v["rolling_shutter"] = json!([0, 0, 0.1, 0]), None, "rolling_shutter", "distortion");
+    refused(|v| v["frames"][1]["k2"] = json!(0.1), Some(1), "k2", "distortion");
+    refused(|v| v["camera_model"] = json!("OPENCV_FISHEYE"), None, "camera_model", "OPENCV_FISHEYE is not supported");
+    refused(|v| v["frames"][3]["is_fisheye"] = json!(true), Some(3), "is_fisheye", "only pinhole cameras");
+    refused(
+        |v| v["frames"].as_array_mut().unwrap().iter_mut().for_each(|f| f["camera_angle_x"] = json!(0.6)),
+        None,
+        "camera_angle_x",
+        "is 0.5, but 0.6 in the frames",
+    );
     refused(|v| v["fl_x"] = json!(100), None, "w", "`w` and `h`");
     refused(|v| drop(v.as_object_mut().unwrap().remove("camera_angle_x")), None, "camera_angle_x", "missing");
     refused(|v| *v = json!([1]), None, "frames", "not a JSON object");
+}
+
+#[test]
+fn a_lens_that_all_frames_repeat_is_that_of_the_split() {
+    let mut value = valid();
+    for frame in value["frames"].as_array_mut().unwrap() {
+        for (field, number) in [("fl_x", 80.0), ("fl_y", 81.0), ("cx", 19.0), ("cy", 20.0), ("w", 40.0), ("h", 40.0)] {
+            frame[field] = json!(number);
+        }
+        frame["camera_model"] = json!("OPENCV");
+        frame["k1"] = json!(0.0);
+    }
+    value.as_object_mut().unwrap().remove("camera_angle_x");
+    let camera = parse(&value).unwrap().intrinsics.camera(20, 20, DMat4::IDENTITY);
+    assert_eq!((camera.fx, camera.fy, camera.cx, camera.cy), (40.0, 40.5, 9.5, 10.0));
+    value["frames"][3]["fl_y"] = json!(82.0);
+    let text = parse(&value).unwrap_err().to_string();
+    assert!(text.contains("frame 3") && text.contains("is 82, but 81 in frame 0"), "{text}");
+}
+
+#[test]
+fn lenses_that_contradict_themselves_or_the_images_are_refused() {
+    let check = |lens: Intrinsics| {
+        super::super::lens::check_lens(Path::new("t.json"), &lens, (40, 20)).map_err(|e| e.to_string())
+    };
+    let lens = Intrinsics { camera_angle_x: Some(0.5), ..Intrinsics::default() };
+    let fl_x = 20.0 / 0.25f64.tan();
+    let pixels = Intrinsics { fl_x: Some(fl_x), w: Some(40.0), h: Some(20.0), ..lens };
+    for good in
+        [lens, Intrinsics { camera_angle_y: Some(0.25), ..lens }, pixels, Intrinsics { fl_y: Some(9.0), ..pixels }]
+    {
+        check(good).unwrap();
+    }
+    for (bad, words) in [
+        (Intrinsics { camera_angle_y: Some(0.6), ..lens }, "contradicts `camera_angle_x`"),
+        (Intrinsics { fl_x: Some(50.0), ..pixels }, "`camera_angle_x`: 0.5 is a focal length of 78.3"),
+        (Intrinsics { camera_angle_y: Some(0.4), ..pixels }, "field `camera_angle_y`"),
+        (Intrinsics { h: Some(40.0), ..pixels }, "aspect ratio"),
+    ] {
+        let text = check(bad).unwrap_err();
+        assert!(text.contains(words) && text.contains("Hint: "), "{text}");
+    }
+}
+
+#[test]
+fn images_are_found_by_any_extension() {
+    let folder = tempfile::tempdir().unwrap();
+    let record = |p: &str| FrameRecord { file_path: p.into(), camera_to_world: DMat4::IDENTITY, time: 0.0 };
+    for (there, asked, name) in [
+        ("a.jpg", "a", "a"),
+        ("b.JPEG", "./b", "b"),
+        ("c.PNG", "c", "c"),
+        ("d.v2.jpg", "d.v2", "d.v2"),
+        ("e.jpg", "e.jpg", "e"),
+    ] {
+        std::fs::write(folder.path().join(there), "").unwrap();
+        assert_eq!(record(asked).image_path(folder.path()), folder.path().join(there));
+        assert_eq!(record(asked).name(), name);
+    }
+    assert_eq!(record("none").image_path(folder.path()), folder.path().join("none.png"));
+    assert_eq!(record("r_000.jpg").image_path(Path::new("d")), Path::new("d/r_000.jpg"), "not r_000.jpg.png");
 }
 
 #[test]

@@ -4,6 +4,7 @@
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
+use glam::DMat4;
 use image::{DynamicImage, ImageError, ImageFormat, ImageReader};
 use serde::{Deserialize, Serialize};
 
@@ -12,6 +13,7 @@ use super::dataset::SplitName;
 use super::error::DataError;
 use super::images::downscaled_size;
 use super::lineage::{Turn, ids_at};
+use super::normalisation::Normalisation;
 use super::png::check_claim;
 use super::transforms::Transforms;
 
@@ -64,7 +66,7 @@ pub struct SegmentFrame {
     pub file_path: String,
     /// The binary mask.
     pub mask_path: String,
-    /// Camera-to-world, rows, NeRF/OpenGL axes.
+    /// Camera-to-world, rows, NeRF/OpenGL axes; in the dataset's coordinates in the file.
     pub transform_matrix: [[f64; 4]; 4],
     /// Time in [0, 1].
     pub time: f64,
@@ -86,8 +88,10 @@ pub struct VolumeEntry {
 pub struct Truth {
     /// The dataset's folder.
     pub root: PathBuf,
-    /// The content of its `segments.json`.
+    /// The content of its `segments.json`, with poses in the scene.
     pub file: SegmentFile,
+    /// How the scene's coordinates follow from those of the dataset.
+    pub normalisation: Normalisation,
 }
 
 /// A view with a label image.
@@ -107,7 +111,7 @@ impl Truth {
     /// Reads `segments.json` of the dataset at `root`.
     ///
     /// # Errors
-    /// If the file is missing or invalid.
+    /// If the file is missing or invalid, or the training views cannot be read.
     pub fn read(root: &Path) -> Result<Self, DataError> {
         let path = root.join(FILE);
         let text = crate::files::read_text(&path).map_err(|source| DataError::Io {
@@ -119,7 +123,7 @@ impl Truth {
                    transfer function have it"
                     .to_owned(),
         })?;
-        let file: SegmentFile = serde_json::from_str(&text).map_err(|e| DataError::Syntax {
+        let mut file: SegmentFile = serde_json::from_str(&text).map_err(|e| DataError::Syntax {
             path: path.clone(),
             frame: None,
             line: e.line(),
@@ -138,7 +142,12 @@ impl Truth {
                 hint,
             ));
         }
-        Ok(Self { root: root.to_owned(), file })
+        let normalisation = Normalisation::of_dataset(root)?;
+        for frame in file.segments.iter_mut().flat_map(|s| &mut s.frames) {
+            let pose = DMat4::from_cols_array_2d(&frame.transform_matrix).transpose();
+            frame.transform_matrix = normalisation.pose(pose).transpose().to_cols_array_2d();
+        }
+        Ok(Self { root: root.to_owned(), file, normalisation })
     }
 
     /// The ids that hold at time `to` the material of the segments `ids` at time `from`, see [`ids_at`].
@@ -183,7 +192,7 @@ impl Truth {
         let folder = self.root.join(folder.strip_prefix("./").unwrap_or(folder));
         let [width, height] = self.file.size;
         downscaled_size(&self.root.join(FILE), (width, height), downscale)?;
-        let json = Transforms::read(&split.json_path(&self.root))?;
+        let json = Transforms::read(&split.json_path(&self.root))?.normalised(&self.normalisation);
         let labelled = json.frames.iter().filter_map(|frame| {
             let path = folder.join(format!("{}.png", frame.name()));
             let camera = json.intrinsics.camera(width, height, frame.camera_to_world).downscaled(downscale);

@@ -8,6 +8,7 @@ use safetensors::{SafeTensorError, SafeTensors};
 use serde::{Deserialize, Serialize};
 
 use super::error::DataError;
+use super::normalisation::Normalisation;
 use super::truth::{FILE, Truth};
 use crate::tensors::{self, TensorFileError};
 
@@ -52,7 +53,7 @@ impl Truth {
         times
     }
 
-    /// The volume of the time nearest to `time`, the earlier of two equally near.
+    /// The volume of the time nearest to `time`, the earlier of two equally near, in the scene.
     ///
     /// # Errors
     /// If the dataset has none, or its file is missing, damaged or invalid.
@@ -66,7 +67,10 @@ impl Truth {
             let problem = "no volume of segment ids; the dataset was made without segment views or by an old version";
             return Err(DataError::field_error(&self.root.join(FILE), None, "volumes", problem, AGAIN));
         };
-        TruthVolume::read(&self.root.join(entry.file.strip_prefix("./").unwrap_or(&entry.file)))
+        let volume = TruthVolume::read(&self.root.join(entry.file.strip_prefix("./").unwrap_or(&entry.file)))?;
+        let Normalisation { scale, .. } = self.normalisation;
+        let origin = self.normalisation.to_scene(volume.origin.into()).to_array();
+        Ok(TruthVolume { origin, spacing: volume.spacing.map(|s| s / scale), ..volume })
     }
 }
 

@@ -152,7 +152,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
     errln!("\n3/5 evaluate: {} test views", prepared.test_views);
     let started = Instant::now();
     let trained = AnyRun::open_any(&run_folder, &options.device.1).map_err(failed("evaluate"))?;
-    let on = MeasuredOn::open(&trained, None).map_err(failed("evaluate"))?;
+    let on = MeasuredOn::open(&trained, None, SplitName::Test).map_err(failed("evaluate"))?;
     let test = trained.measured(SplitName::Test, None, None).map_err(failed("evaluate"))?;
     let bar = progress::bar(test.frames.len(), "views");
     let folder = trained.paths().eval().join("test");

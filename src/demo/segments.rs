@@ -63,7 +63,7 @@ impl SegmentStory {
             .iter()
             .map(|f| Series { name: f.name.clone(), points: f.statistics.iter().map(|s| (s.time, s.volume)).collect() })
             .collect();
-        line_plot("Volume of each segment", "time", "cubic world units", &series)
+        line_plot("Volume of each segment", "time", "cubic scene units", &series)
     }
 }
 

@@ -50,7 +50,7 @@ pub fn apply<'s>(
     Ok(())
 }
 
-/// Returns the opacity-weighted mean of the finite positions of `members` in `now`, world units: the centre about which
+/// Returns the opacity-weighted mean of the finite positions of `members` in `now`, scene units: the centre about which
 /// an edit of them rotates and scales. The weights are the opacities of `before`, the same Gaussians with no edit
 /// applied, as in [`apply`]. `None` if no position is finite.
 #[must_use]

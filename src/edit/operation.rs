@@ -1,6 +1,7 @@
 //! An edit as pure data: its meaning, its checks and its line in a list. How it changes Gaussians is in `apply`.
 
 use super::error::EditError;
+use crate::data::Calibration;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -36,7 +37,7 @@ pub enum Operation {
     Isolate,
     /// Moves the segments.
     Translate {
-        /// Along x, y, z, world units.
+        /// Along x, y, z, scene units.
         by: [f32; 3],
     },
     /// Rotates the segments, including the orientation and the view-dependent colour of their Gaussians.
@@ -45,7 +46,7 @@ pub enum Operation {
         axis: [f32; 3],
         /// Angle, right-handed about the axis.
         degrees: f32,
-        /// A fixed point, world units; without one, each segment rotates about its own opacity-weighted centre at the
+        /// A fixed point, scene units; without one, each segment rotates about its own opacity-weighted centre at the
         /// time being drawn, so that a moving segment rotates about itself at every time.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         about: Option<[f32; 3]>,
@@ -91,6 +92,15 @@ impl Operation {
             Self::Rotate { .. } => "rotate",
             Self::Scale { .. } => "scale",
         }
+    }
+
+    /// Returns whether it may move the centre of a segment.
+    #[must_use]
+    pub fn moves(&self) -> bool {
+        matches!(
+            self,
+            Self::Translate { .. } | Self::Rotate { about: Some(_), .. } | Self::Scale { about: Some(_), .. }
+        )
     }
 
     /// Checks the values.
@@ -158,34 +168,57 @@ impl Edit {
     }
 }
 
-/// Formats the edit as one line, such as `rotate ring by 90° about the axis (0, 0, 1) through its centre`.
-impl fmt::Display for Edit {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+/// Rounds a length or coordinate for display: an edit holds single precision in scene units, which are `unit` long.
+fn rounded(value: f64, unit: f64) -> f64 {
+    let decimals = 5.0 - value.abs().min(unit).log10().floor();
+    format!("{value:.0$}", decimals.clamp(0.0, 17.0) as usize).parse().unwrap_or(value)
+}
+
+impl Edit {
+    /// Returns the edit as one line, such as `rotate ring by 90° about the axis (0, 0, 1) through its centre`, with lengths
+    /// and positions in the units of the data; [`fmt::Display`] gives them in scene units.
+    #[must_use]
+    pub fn line(&self, calibration: &Calibration) -> String {
         let names = self.segments.join(", ");
-        let tuple = |p: &[f32; 3]| format!("({}, {}, {})", p[0], p[1], p[2]);
+        let tuple = |p: [f64; 3]| {
+            let [x, y, z] = p.map(|v| rounded(v, calibration.length_scale()));
+            format!("({x}, {y}, {z})")
+        };
+        let unit = calibration.space.as_ref().map_or_else(String::new, |space| format!(" {}", space.unit_name()));
         let place = |about: &Option<[f32; 3]>| match about {
-            Some(p) => tuple(p),
+            Some(p) => format!("{}{unit}", tuple(calibration.position(p.map(f64::from)))),
             None if self.segments.len() == 1 => "its centre".to_owned(),
             None => "their own centres".to_owned(),
         };
         match &self.operation {
             Operation::Recolour { rgb, keep_shading } => {
                 let [r, g, b] = rgb.map(|c| (c * 255.0).round() as u8);
-                write!(f, "recolour {names} to #{r:02x}{g:02x}{b:02x}")?;
-                f.write_str(if *keep_shading { ", keeping the shading" } else { "" })
+                let kept = if *keep_shading { ", keeping the shading" } else { "" };
+                format!("recolour {names} to #{r:02x}{g:02x}{b:02x}{kept}")
             }
             Operation::Opacity { factor, show } => {
                 let shown = if *show { "show and " } else { "" };
-                write!(f, "{shown}multiply the opacity of {names} by {factor}")
+                format!("{shown}multiply the opacity of {names} by {factor}")
             }
-            Operation::Hide => write!(f, "hide {names}"),
-            Operation::Show => write!(f, "show {names}"),
-            Operation::Isolate => write!(f, "hide everything but {names}"),
-            Operation::Translate { by } => write!(f, "move {names} by {}", tuple(by)),
+            Operation::Hide => format!("hide {names}"),
+            Operation::Show => format!("show {names}"),
+            Operation::Isolate => format!("hide everything but {names}"),
+            Operation::Translate { by } => {
+                let by = by.map(|v| calibration.length_scale() * f64::from(v));
+                format!("move {names} by {}{unit}", tuple(by))
+            }
             Operation::Rotate { axis, degrees, about } => {
-                write!(f, "rotate {names} by {degrees}° about the axis {} through {}", tuple(axis), place(about))
+                let [x, y, z] = axis;
+                format!("rotate {names} by {degrees}° about the axis ({x}, {y}, {z}) through {}", place(about))
             }
-            Operation::Scale { factor, about } => write!(f, "scale {names} by {factor} about {}", place(about)),
+            Operation::Scale { factor, about } => format!("scale {names} by {factor} about {}", place(about)),
         }
+    }
+}
+
+/// Formats the edit as [`Edit::line`] does, with lengths and positions in scene units.
+impl fmt::Display for Edit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.line(&Calibration::default()))
     }
 }

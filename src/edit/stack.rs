@@ -2,6 +2,7 @@
 
 use super::error::EditError;
 use super::operation::{Edit, Operation};
+use crate::data::Calibration;
 use serde::{Deserialize, Serialize};
 
 /// The version of `edits.json` that this program writes, and the newest it reads.
@@ -103,12 +104,12 @@ impl EditStack {
         total
     }
 
-    /// Returns a line for each edit, numbered from 1; undone ones follow in the order in which redo restores them.
+    /// Returns a line for each edit, see [`Edit::line`], numbered from 1; undone ones follow in the order in which redo restores them.
     #[must_use]
-    pub fn list(&self) -> Vec<String> {
+    pub fn list(&self, calibration: &Calibration) -> Vec<String> {
         let undone = self.undone.iter().rev().map(|edit| (edit, " (undone)"));
         let all = self.operations.iter().map(|edit| (edit, "")).chain(undone);
-        all.enumerate().map(|(i, (edit, mark))| format!("{}. {edit}{mark}", i + 1)).collect()
+        all.enumerate().map(|(i, (edit, mark))| format!("{}. {}{mark}", i + 1, edit.line(calibration))).collect()
     }
 
     /// Checks every edit that applies, and that the segments it names are known.

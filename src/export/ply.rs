@@ -18,26 +18,50 @@ use header::Header;
 /// Maximum degree of spherical harmonics in a file.
 pub const MAX_SH_DEGREE: usize = 3;
 
+/// What a file holds besides the Gaussians.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PlyOptions {
+    /// Degree of the spherical harmonics in the file, at least that of the Gaussians: higher coefficients are 0. The
+    /// loader of the reference implementation of 3DGS accepts files of degree 3 only.
+    pub sh_degree: usize,
+    /// Comments of the header, one line each.
+    pub comments: Vec<String>,
+}
+
+impl Default for PlyOptions {
+    fn default() -> Self {
+        Self { sh_degree: MAX_SH_DEGREE, comments: Vec::new() }
+    }
+}
+
 /// Writes the Gaussians as they are, row by row and atomically; normals are zero. Shaded ones are written as
 /// [`HostGaussians::baked`], since readers support only harmonics. Replaces only a file of this program. Viewers expect
 /// quaternions of length 1: see [`HostGaussians::with_unit_rotations`].
 ///
 /// # Errors
-/// [`SplatFileError::Shape`] if the fields differ in length, [`SplatFileError::Replace`] if something else is there or
+/// [`SplatFileError::Shape`] if the fields differ in length, or `options` ask for a degree that cannot hold their
+/// colours, [`SplatFileError::Replace`] if something else is there or
 /// the folder is missing, [`SplatFileError::Io`] from the file system.
-pub fn write(gaussians: &HostGaussians, path: &Path) -> Result<(), SplatFileError> {
-    splat_file::write(gaussians, path, write_to)
+pub fn write(gaussians: &HostGaussians, path: &Path, options: &PlyOptions) -> Result<(), SplatFileError> {
+    let gaussians = splat_file::plain(gaussians)?;
+    let (degree, least) = (options.sh_degree, gaussians.sh_degree());
+    if !(least..=MAX_SH_DEGREE).contains(&degree) {
+        return Err(SplatFileError::Shape(format!(
+            "harmonics of degree {degree} cannot hold their colours; choose a degree from {least} to {MAX_SH_DEGREE}"
+        )));
+    }
+    splat_file::write(path, |file| write_to(&gaussians, options, file))
 }
 
-fn write_to(gaussians: &HostGaussians, out: &mut impl Write) -> io::Result<()> {
-    let k = gaussians.sh_stride;
+fn write_to(gaussians: &HostGaussians, options: &PlyOptions, out: &mut impl Write) -> io::Result<()> {
+    let (k, all) = (gaussians.sh_stride, (options.sh_degree + 1).pow(2));
     let [means, rotations, log_scales, opacity_logits, sh] = gaussians.common_columns();
-    out.write_all(header::text(gaussians.len(), k).as_bytes())?;
+    out.write_all(header::text(gaussians.len(), all, &options.comments).as_bytes())?;
     let mut row: Vec<u8> = Vec::new();
     for i in 0..gaussians.len() {
         row.clear();
         let sh = sh.row(i);
-        let rest = (0..3).flat_map(|c| (1..k).map(move |j| &sh[j * 3 + c]));
+        let rest = (0..3).flat_map(|c| (1..all).map(move |j| if j < k { &sh[j * 3 + c] } else { &0.0 }));
         let values = (means.row(i).iter())
             .chain(&[0.0; 3])
             .chain(&sh[..3])

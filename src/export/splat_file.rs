@@ -2,6 +2,7 @@
 
 use crate::files::{AtomicFile, ReplaceError};
 use crate::model::HostGaussians;
+use std::borrow::Cow;
 use std::io;
 use std::path::{Path, PathBuf};
 use volseggs_kernels::sh::Bands;
@@ -34,18 +35,21 @@ pub enum SplatFileError {
     Shape(String),
 }
 
-/// Writes the Gaussians with `body`, atomically: shaded ones, and those with even bands alone, as
-/// [`HostGaussians::baked`], since readers support only harmonics of all bands. Replaces only a file of this program.
-pub(super) fn write(
-    gaussians: &HostGaussians,
-    path: &Path,
-    body: impl FnOnce(&HostGaussians, &mut AtomicFile) -> io::Result<()>,
-) -> Result<(), SplatFileError> {
+/// Returns Gaussians as files hold them: shaded ones, and those with even bands alone, as [`HostGaussians::baked`], since
+/// readers support only harmonics of all bands.
+///
+/// # Errors
+/// [`SplatFileError::Shape`] if the fields differ in length.
+pub(super) fn plain(gaussians: &HostGaussians) -> Result<Cow<'_, HostGaussians>, SplatFileError> {
     check(gaussians)?;
     let is_plain = gaussians.shading.is_none() && Bands::of_any(gaussians.sh_stride) == Bands::All;
-    let baked = (!is_plain).then(|| gaussians.baked());
+    Ok(if is_plain { Cow::Borrowed(gaussians) } else { Cow::Owned(gaussians.baked()) })
+}
+
+/// Writes a file with `body`, atomically; replaces only a file of this program.
+pub(super) fn write(path: &Path, body: impl FnOnce(&mut AtomicFile) -> io::Result<()>) -> Result<(), SplatFileError> {
     let mut file = AtomicFile::create_named(path)?;
-    body(baked.as_ref().unwrap_or(gaussians), &mut file)
+    body(&mut file)
         .and_then(|()| file.commit())
         .map_err(|source| SplatFileError::Io { path: path.to_path_buf(), source })
 }

@@ -25,20 +25,27 @@ const COLOUR: f32 = 0.15;
 /// Writes the Gaussians atomically, replacing only a file of this program. Shaded ones are written as
 /// [`HostGaussians::baked`], since readers support only harmonics.
 ///
-/// One byte per number is coarse: log scales are clamped to [-10, 5.9], and coefficients beyond the first to [-1, 1).
+/// `comments`, one line each, are part of the comment of the gzip stream, as the format has no place for them. One byte
+/// per number is coarse: log scales are clamped to [-10, 5.9], and coefficients beyond the first to [-1, 1).
 ///
 /// # Errors
 /// [`SplatFileError::Shape`] if the fields differ in length or a mean is not finite or too far out,
 /// [`SplatFileError::Replace`] if something else is there or the folder is missing, [`SplatFileError::Io`] from the
 /// file system.
-pub fn write(gaussians: &HostGaussians, path: &Path) -> Result<(), SplatFileError> {
+pub fn write(gaussians: &HostGaussians, path: &Path, comments: &[String]) -> Result<(), SplatFileError> {
+    let gaussians = splat_file::plain(gaussians)?;
     let fraction = fraction_bits(&gaussians.means)?;
-    splat_file::write(gaussians, path, |gaussians, file| compress(&body(gaussians, fraction), file))
+    splat_file::write(path, |file| compress(&body(&gaussians, fraction), comments, file))
 }
 
-fn compress(bytes: &[u8], out: &mut impl Write) -> io::Result<()> {
+fn compress(bytes: &[u8], comments: &[String], out: &mut impl Write) -> io::Result<()> {
     // the comment in its header identifies a file of this program
-    let mut gzip = GzBuilder::new().comment(MARK).write(out, Compression::best());
+    let mut comment = MARK.to_owned();
+    for line in comments {
+        // what ends a comment cannot be in it
+        comment += &format!("\n{}", line.replace('\0', " "));
+    }
+    let mut gzip = GzBuilder::new().comment(comment).write(out, Compression::best());
     gzip.write_all(bytes)?;
     gzip.finish().map(drop)
 }
@@ -123,10 +130,12 @@ mod tests {
     fn written(gaussians: &HostGaussians) -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.spz");
-        write(gaussians, &path).unwrap();
-        write(gaussians, &path).unwrap(); // replaces its own file
+        write(gaussians, &path, &[]).unwrap();
+        write(gaussians, &path, &["scale 2".into()]).unwrap(); // replaces its own file
         let mut bytes = Vec::new();
-        GzDecoder::new(std::fs::File::open(&path).unwrap()).read_to_end(&mut bytes).unwrap();
+        let mut file = GzDecoder::new(std::fs::File::open(&path).unwrap());
+        file.read_to_end(&mut bytes).unwrap();
+        assert_eq!(file.header().unwrap().comment(), Some(&b"volseggs\nscale 2"[..]));
         bytes
     }
 

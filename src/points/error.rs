@@ -41,7 +41,7 @@ pub enum PointsError {
     },
     /// Points are too far apart for the radius used.
     #[error(
-        "points spread over {extent} world units cannot be joined at a radius of {radius}; drop the outliers first"
+        "points spread over {extent} scene units cannot be joined at a radius of {radius}; drop the outliers first"
     )]
     Spread {
         /// Longest side of the bounding box.

@@ -54,6 +54,12 @@ pub(super) fn check(
             if let Some(step) = list.iter().find(|s| **s >= steps) {
                 return wrong(format!("step {step}: the series has {steps} steps, 0 to {}", steps - 1));
             }
+            if let Some(pair) = list.windows(2).find(|pair| pair[1] <= pair[0]) {
+                return wrong(format!(
+                    "--steps: {} after {}; give each step once, in ascending order",
+                    pair[1], pair[0]
+                ));
+            }
         }
         views::Times::Count(_) => {}
     }

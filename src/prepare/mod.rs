@@ -323,7 +323,7 @@ fn write_transforms(
 /// # Errors
 /// If the dataset cannot be read.
 pub fn preview(dataset: &Path, views: usize) -> Result<Vec<(String, image::RgbImage)>, DataError> {
-    let split = read_split(dataset, SplitName::Test, 1, Some(views))?;
+    let split = read_split(dataset, SplitName::Test, 1, Some(views), None)?;
     let (w, h) = (split.images.width, split.images.height);
     let mut rgb = vec![0.0; 3 * w as usize * h as usize];
     let picture = |(i, frame): (usize, &crate::data::Frame)| {

@@ -1,6 +1,7 @@
 //! The record of how a dataset was prepared.
 
-use crate::data::Calibration;
+use crate::data::calibration::PREPARED;
+use crate::data::{Calibration, Normalisation};
 use crate::files::read_text;
 use crate::volume::directions::Directions;
 use crate::volume::grid::Grid;
@@ -12,7 +13,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 /// The name of the record's file in the folder of its dataset.
-pub(super) const FILE: &str = "prepare.json";
+pub(super) const FILE: &str = PREPARED;
 
 /// The record of a dataset, `prepare.json`: what it was made from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -109,6 +110,13 @@ impl PrepareRecord {
     #[must_use]
     pub fn placement(&self) -> Placement {
         Placement::new(&self.grid(), self.side)
+    }
+
+    /// The same record with lengths in the units of a scene that was trained on the dataset.
+    #[must_use]
+    pub fn normalised(self, normalisation: &Normalisation) -> Self {
+        let calibration = normalisation.calibration(self.calibration);
+        Self { side: self.side / normalisation.scale, calibration, ..self }
     }
 
     /// Reads the record of the dataset in `folder`; `None` for a dataset from elsewhere, or a missing folder.

@@ -102,6 +102,8 @@ fn a_stopped_or_wrong_run_leaves_nothing() {
     let mut wrong = Vec::new();
     for change in [
         |o: &mut PrepareOptions| o.views.times = Times::Steps(vec![0, 5]),
+        |o: &mut PrepareOptions| o.views.times = Times::Steps(vec![1, 1]),
+        |o: &mut PrepareOptions| o.views.times = Times::Steps(vec![1, 0]),
         |o: &mut PrepareOptions| o.views.times = Times::Count(0),
         |o: &mut PrepareOptions| o.views.views_per_time = 0,
         |o: &mut PrepareOptions| o.views.size = [0, 4],

@@ -98,7 +98,7 @@ fn by_default_ten_views_at_each_of_five_trained_steps() {
     prepare(&source, &transfer, &wanted, &out, &|_| {}, &AtomicBool::new(false)).unwrap();
     let truth = Truth::read(&out).unwrap();
     let trained: Vec<f64> =
-        read_split(&out, SplitName::Train, 1, None).unwrap().frames.iter().map(|f| f.time).collect();
+        read_split(&out, SplitName::Train, 1, None, None).unwrap().frames.iter().map(|f| f.time).collect();
     let times = truth.volume_times();
     assert_eq!((times.len(), times[0], times[4]), (5, 0.0, 1.0));
     for time in &times {

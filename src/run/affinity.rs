@@ -73,7 +73,7 @@ pub fn open(run: &OpenRun, device: &Device) -> Result<(AffinityField, AffinitySp
     Ok((field, spec))
 }
 
-/// Writes a field, trained at `time` on masks with the ascending `spreads` (world units), to the run.
+/// Writes a field, trained at `time` on masks with the ascending `spreads` (scene units), to the run.
 ///
 /// # Errors
 /// If it cannot be written.

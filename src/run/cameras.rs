@@ -2,19 +2,17 @@
 
 use super::saved::SavedView;
 use super::{OpenRun, RunError, Trained};
+use crate::data::dataset::read_views;
 use crate::data::images::ImageSet;
-use crate::data::paths::{FOV_X, Lens, RADIUS, Sphere, orbit};
+use crate::data::paths::Lens;
 use crate::data::transforms::FrameRecord;
-use crate::data::{Camera, SplitName, Transforms};
+use crate::data::{Camera, SplitName, Surroundings, Transforms};
 use crate::export::images::to_rgb8;
 use crate::memory::{Budget, product};
 use glam::DVec3;
 use image::RgbImage;
 use serde::Serialize;
 use std::fmt;
-
-/// Elevation of an orbit above the equator, radians.
-const ELEVATION: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
 /// Bytes needed to draw one pixel: the image in floats on the device and on the host, the workspace of splatting, and
 /// the 8-bit image.
@@ -27,38 +25,10 @@ pub const SIDE: u32 = 16_384;
 /// direction; any farther, the scene is smaller than a pixel.
 const DISTANCES: [f64; 2] = [1e-6, 1e5];
 
-/// The lens and the camera positions of a run's dataset.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Surroundings {
-    /// The lens.
-    pub lens: Lens,
-    /// Sphere around the scene's centre on which its cameras stand.
-    pub sphere: Sphere,
-    /// Note for the user if the dataset cannot be read, so that lens and sphere are those of the published data.
-    pub note: Option<String>,
-}
-
-impl Surroundings {
-    /// Returns these surroundings for pictures `width` pixels wide, with the same aspect ratio.
-    #[must_use]
-    pub fn sized(mut self, width: u32) -> Self {
-        let full = self.lens;
-        let height = (f64::from(full.height) * f64::from(width) / f64::from(full.width)).round().max(1.0) as u32;
-        self.lens = Lens { width, height, ..full };
-        self
-    }
-
-    /// Returns `frames` cameras on a circle around the scene, a little above its equator.
-    #[must_use]
-    pub fn orbit(&self, frames: usize) -> Vec<Camera> {
-        orbit(frames, self.sphere, ELEVATION, self.lens)
-    }
-}
-
 /// Choice of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ViewChoice {
-    /// A camera at this point, world units, that looks at the centre.
+    /// A camera at this point, in the coordinates of the dataset, that looks at the centre.
     At(DVec3),
     /// The camera of this test view of the dataset, counted from 0.
     Test(usize),
@@ -85,7 +55,7 @@ impl fmt::Display for ViewChoice {
 /// Camera pose and time of a view of the dataset.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Placed {
-    /// Position of the camera, world units.
+    /// Position of the camera, scene units.
     pub eye: [f64; 3],
     /// Point it looks at: on its axis, as far away as the scene's centre.
     pub target: [f64; 3],
@@ -106,7 +76,7 @@ pub fn check_lens(flag: &str, lens: Lens) -> Result<(), RunError> {
     Budget::now().check(flag, bytes).map_err(RunError::input)
 }
 
-/// Checks that a scene of this half size is visible from this distance to its centre.
+/// Checks that a scene of this half size is visible from this distance to its centre, both in the dataset's units.
 fn check_distance(flag: &str, distance: f64, half_size: f64) -> Result<(), RunError> {
     let [near, far] = DISTANCES.map(|d| d * half_size);
     if (near..=far).contains(&distance) {
@@ -117,24 +87,24 @@ fn check_distance(flag: &str, distance: f64, half_size: f64) -> Result<(), RunEr
 }
 
 impl<S: Trained> OpenRun<S> {
-    /// Returns the lens of the run's dataset and the sphere on which its cameras stand. If the dataset is no longer
-    /// there, those of the published data are returned, and [`Surroundings::note`] says so.
-    #[must_use]
-    pub fn surroundings(&self) -> Surroundings {
-        let first = self.split(SplitName::Train, None, Some(1)).ok();
-        let first = first.as_ref().and_then(|split| split.frames.first()).map(|f| &f.camera);
-        let (width, height) = first.map_or((800, 800), |c| (c.width, c.height));
-        let fov_x = first.map_or(FOV_X, Camera::fov_x);
-        let note = first.is_none().then(|| {
-            format!(
-                "{}: no training views can be read, so their camera is unknown; using a field of view of 30 degrees, \
-                 that of the published data",
-                self.record.dataset.display()
-            )
-        });
+    /// Returns the lens of the run's dataset and the sphere on which its cameras stand, as its record keeps them.
+    ///
+    /// # Errors
+    /// If an early version recorded neither, and the dataset is no longer there or has no training views.
+    pub fn surroundings(&self) -> Result<Surroundings, RunError> {
+        if let Some(recorded) = self.record.surroundings {
+            return Ok(recorded);
+        }
+        let views = read_views(
+            &self.dataset()?,
+            SplitName::Train,
+            self.config.data.downscale,
+            Some(1),
+            &self.record.normalisation,
+        )?;
         let (centre, _) = self.model().place();
-        let sphere = first.map_or(Sphere { centre, radius: RADIUS }, |c| Sphere::through(c, centre));
-        Surroundings { lens: Lens { fov_x, width, height }, sphere, note }
+        // a split has at least one view
+        Ok(Surroundings::new(&views.frames[0].camera, centre))
     }
 
     /// Returns the camera of `choice` and, for a test view or a saved view, its time. `lens` is that of
@@ -162,7 +132,8 @@ impl<S: Trained> OpenRun<S> {
     /// If it is at the centre, or too far away to see anything.
     pub fn camera_at(&self, eye: DVec3, lens: Lens) -> Result<Camera, RunError> {
         let ((centre, half_size), DVec3 { x, y, z }) = (self.model().place(), eye);
-        check_distance(&format!("--camera {x},{y},{z}"), eye.distance(centre), half_size)?;
+        let (eye, scale) = (self.record.normalisation.to_scene(eye), self.record.normalisation.scale);
+        check_distance(&format!("--camera {x},{y},{z}"), scale * eye.distance(centre), scale * half_size)?;
         Ok(Camera::look_at(eye, centre, DVec3::Z, lens.fov_x, lens.width, lens.height))
     }
 
@@ -171,8 +142,8 @@ impl<S: Trained> OpenRun<S> {
     /// # Errors
     /// If the dataset's file of test views cannot be read, or has no view `n`.
     pub fn test_view(&self, n: usize, lens: Lens) -> Result<(Camera, f64), RunError> {
-        let path = SplitName::Test.json_path(&self.record.dataset);
-        let json = Transforms::read(&path)?;
+        let path = SplitName::Test.json_path(&self.dataset()?);
+        let json = Transforms::read(&path)?.normalised(&self.record.normalisation);
         let Some(frame) = json.frames.get(n) else {
             let last = json.frames.len().saturating_sub(1);
             return Err(RunError::input(format!("--view {n}: {} has views 0 to {last}", path.display())));
@@ -185,8 +156,9 @@ impl<S: Trained> OpenRun<S> {
     /// # Errors
     /// If the dataset's file of test views cannot be read.
     pub fn test_views(&self) -> Result<Vec<Placed>, RunError> {
-        let json = Transforms::read(&SplitName::Test.json_path(self.dataset(None)?))?;
-        let Lens { width, height, .. } = self.surroundings().lens;
+        let json = Transforms::read(&SplitName::Test.json_path(&self.dataset()?))?;
+        let json = json.normalised(&self.record.normalisation);
+        let Lens { width, height, .. } = self.surroundings()?.lens;
         let (centre, _) = self.model().place();
         let placed = |frame: &FrameRecord| {
             let camera = json.intrinsics.camera(width, height, frame.camera_to_world);
@@ -204,24 +176,27 @@ impl<S: Trained> OpenRun<S> {
     /// # Errors
     /// If the file of test views cannot be read or has no view `n`, or the image cannot be read.
     pub fn test_image(&self, n: usize) -> Result<RgbImage, RunError> {
-        let root = self.dataset(None)?;
-        let path = SplitName::Test.json_path(root);
+        let root = self.dataset()?;
+        let path = SplitName::Test.json_path(&root);
         let json = Transforms::read(&path)?;
         let Some(frame) = json.frames.get(n) else {
             let last = json.frames.len().saturating_sub(1);
             return Err(RunError::input(format!("view {n}: {} has views 0 to {last}", path.display())));
         };
-        let images = ImageSet::load(&path, &[frame.image_path(root)], self.config.data.downscale)?;
+        let images = ImageSet::load(&path, &[frame.image_path(&root)], self.config.data.downscale)?;
         let pixels = images.composite_with_alpha(0, self.model().background());
         Ok(to_rgb8(&pixels, images.width as usize, images.height as usize))
     }
 
-    /// Checks the distance from the centre of the cameras on a path (the value of `--radius`).
+    /// Checks the distance from the centre of the cameras on a path (the value of `--radius`, in the dataset's units), and
+    /// returns it in the scene's.
     ///
     /// # Errors
     /// As for [`OpenRun::camera_at`].
-    pub fn check_radius(&self, radius: f64) -> Result<(), RunError> {
-        check_distance(&format!("--radius {radius}"), radius, self.model().place().1)
+    pub fn radius(&self, radius: f64) -> Result<f64, RunError> {
+        let scale = self.record.normalisation.scale;
+        check_distance(&format!("--radius {radius}"), radius, scale * self.model().place().1)?;
+        Ok(radius / scale)
     }
 }
 

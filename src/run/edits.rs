@@ -1,22 +1,26 @@
 //! Changes to a run's edits. A change that is refused leaves them unchanged.
 
 use super::segments::{Towards, check_count};
-use super::selection::check_edits;
+use super::selection::{Selection, check_edits};
 use super::{OpenRun, RunError};
 use crate::edit::{Edit, EditError, EditStack};
 use crate::segment::segmentation::Segmentation;
+use crate::shell;
+use glam::DVec3;
 
-/// Adds an edit and writes the file of edits.
+/// Adds an edit and writes the file of edits. Returns them with a note if the edit moves its segments out of the scene.
 ///
 /// # Errors
 /// If the edit names a segment that does not exist, has a value out of range (the error names the option of that name),
 /// or cannot be written, or if an earlier edit can no longer be applied.
-pub fn push(run: &OpenRun, edit: Edit) -> Result<EditStack, RunError> {
+pub fn push(run: &OpenRun, edit: Edit) -> Result<(EditStack, Option<String>), RunError> {
     let mut stack = run.edits()?;
     let all = run.segments()?;
     check_names(&all, &edit)?;
     // adding an edit after one that cannot be applied would bury the problem
     check_edits(run, &stack, &all)?;
+    let line = edit.line(run.calibration());
+    let (moves, names) = (edit.operation.moves(), edit.segments.clone());
     stack.push(edit).map_err(|e| match e {
         // fields of an edit have the names of the options
         EditError::Value { field, problem } => {
@@ -24,7 +28,31 @@ pub fn push(run: &OpenRun, edit: Edit) -> Result<EditStack, RunError> {
         }
         other => RunError::input(other),
     })?;
-    save(run, stack)
+    let stack = save(run, stack)?;
+    // the edit is made, whatever can be said of it
+    let outside = moves && is_outside(run, &names).unwrap_or(false);
+    let note = outside.then(|| {
+        format!(
+            "{line}: with this edit, the centre of what it moves is outside the box of the scene at all times, where \
+             pictures may not show it; `volseggs edit undo {}` takes it back",
+            shell::path(&run.path)
+        )
+    });
+    Ok((stack, note))
+}
+
+/// Whether the centre of the segments, with all edits, is outside the scene's box at the first, middle and last time.
+fn is_outside(run: &OpenRun, names: &[String]) -> Result<bool, RunError> {
+    let shown = Selection::open(run, names, true)?;
+    let spec = &run.scene.spec;
+    let half = DVec3::from_array(spec.half_size.map(f64::from));
+    for time in [0.0, 0.5, 1.0] {
+        let Some(centre) = shown.centre(&run.scene, time)? else { return Ok(false) };
+        if (DVec3::from_array(centre) - spec.centre()).abs().cmple(half).all() {
+            return Ok(false);
+        }
+    }
+    Ok(true)
 }
 
 /// Undoes or redoes `count` edits, all of them or none, and writes the file.

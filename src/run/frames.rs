@@ -2,7 +2,7 @@
 //! film in a single file.
 
 use super::RunError;
-use crate::data::Camera;
+use crate::data::{Calibration, Camera};
 use crate::export::animation::{AnimationError, try_write_apng};
 use crate::export::images::{encode_png, to_rgb8};
 use crate::export::video::{Mp4, VideoError};
@@ -49,6 +49,8 @@ pub struct Record {
     pub segments: Vec<String>,
     /// Number of edits applied.
     pub edits: usize,
+    /// Physical space and time of the scene, as far as its data gave them.
+    pub calibration: Calibration,
 }
 
 /// Function that draws a frame from a camera and a time in [0, 1] to `[H, W, 4]`, as [`super::look::Look::frame`] or a
@@ -86,6 +88,27 @@ fn of_animation(error: AnimationError) -> RunError {
 pub fn is_film(out: &Path) -> bool {
     let named = |e: &str| out.extension().is_some_and(|found| found.eq_ignore_ascii_case(e));
     (named("png") || named("mp4")) && !out.is_dir()
+}
+
+/// Refuses a name that promises a picture or a film of a format that is not written, rather than making a folder of that
+/// name.
+///
+/// # Errors
+/// If `out` has the extension of such a format, and is not a folder already.
+pub fn check_name(out: &Path) -> Result<(), RunError> {
+    const OTHERS: [&str; 16] = [
+        "apng", "avi", "bmp", "gif", "jpeg", "jpg", "m4v", "mkv", "mov", "mpeg", "mpg", "ppm", "tif", "tiff", "webm",
+        "webp",
+    ];
+    let Some(extension) = out.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase) else { return Ok(()) };
+    if !OTHERS.contains(&extension.as_str()) || out.is_dir() {
+        return Ok(());
+    }
+    Err(RunError::input(format!(
+        "--out {}: .{extension} files are not written; name a folder for the frames, or a film that ends in .png \
+         (animated) or .mp4",
+        out.display()
+    )))
 }
 
 /// Draws all views into a single film (see [`is_film`]): an animated PNG, or an MP4 written by `ffmpeg`. Returns the

@@ -30,7 +30,7 @@ pub struct Key {
     pub seconds: f64,
     /// Time of the scene in [0, 1].
     pub time: f64,
-    /// Position of the camera, world units.
+    /// Position of the camera, scene units.
     pub eye: [f64; 3],
     /// Point it looks at.
     pub target: [f64; 3],

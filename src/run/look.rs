@@ -1,19 +1,22 @@
 //! What a picture shows of the Gaussians: their colour, depth, velocity, or the segments they belong to.
 
+mod legend;
+
+pub use legend::Legend;
+
 use super::palette::Palette;
 use super::selection::Selection;
 use super::{OpenRun, RunError, affinity};
+use crate::data::Calibration;
 use crate::edit::Edit;
 use crate::model::params::to_vec;
 use crate::model::{HostGaussians, Rendering, Scene};
 use crate::segment::paint::{by_segment, depth_range, flat, highlight};
-use crate::segment::palette::hex;
 use crate::segment::pictures::picture;
 use crate::segment::segmentation::Segmentation;
 use crate::shell;
 use crate::track::velocity::{Component, robust_size, velocities};
 use burn::tensor::{Device, Tensor, TensorData};
-use serde::Serialize;
 use std::str::FromStr;
 use volseggs_kernels::Camera;
 use volseggs_kernels::shading::Light;
@@ -60,19 +63,6 @@ impl FromStr for Show {
     }
 }
 
-/// Legend for the colours of a picture.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Legend {
-    /// Description in words.
-    pub legend: String,
-    /// Values at the ends of the scale.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub range: Option<[f32; 2]>,
-    /// Colours of the scale at even steps from its low to its high end, 8 bits per channel.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub scale: Vec<[u8; 3]>,
-}
-
 /// Draws frames; the first frame sets the colour scale for all of them.
 #[derive(Debug)]
 pub struct Look {
@@ -81,6 +71,7 @@ pub struct Look {
     /// The unedited Gaussians at the time of the last preview, kept because a drag requests the same ones repeatedly.
     still: Option<(f32, HostGaussians)>,
     light: Light,
+    calibration: Calibration,
 }
 
 #[derive(Debug)]
@@ -158,7 +149,7 @@ impl Look {
                 Kind::Segments(all)
             }
         };
-        Ok(Self { selection, kind, still: None, light: Light::Head })
+        Ok(Self { selection, kind, still: None, light: Light::Head, calibration: run.calibration().clone() })
     }
 
     /// Returns this look lit from far away in `direction` (world axes, of any length but 0) instead of by the
@@ -321,45 +312,6 @@ impl Look {
             }
         }
     }
-
-    /// Returns what the colours of the frames drawn so far stand for, unless they are the Gaussians' own.
-    #[must_use]
-    pub fn legend(&self) -> Option<Legend> {
-        const SPEED: &str = "world units per unit of time";
-        let plain = |legend: String| Some(Legend { legend, range: None, scale: Vec::new() });
-        match &self.kind {
-            Kind::Colour => None,
-            Kind::Affinity(_) => {
-                plain("affinity features: their first three principal components as red, green and blue".into())
-            }
-            Kind::Depth { range: None, .. } => plain("depth: nothing is visible in any frame".into()),
-            Kind::Depth { range: Some([near, far]), palette } => {
-                let [dark, light] = palette.ends();
-                let (low, high) = (short(*near), short(*far));
-                let legend = format!("depth in world units: {light} is {low} or nearer, {dark} {high} or farther");
-                Some(Legend { legend, range: Some([*near, *far]), scale: palette.scale(true) })
-            }
-            Kind::Velocity { scale: None, .. } => plain("velocity: nothing moves in any frame".into()),
-            Kind::Velocity { component: Component::Speed, scale: Some(full), palette } => {
-                let [dark, light] = palette.ends();
-                let legend = format!("speed in {SPEED}: {dark} is 0, {light} {} or more", short(*full));
-                Some(Legend { legend, range: Some([0.0, *full]), scale: palette.scale(false) })
-            }
-            Kind::Velocity { component, scale: Some(full), palette } => {
-                let ([less, more], none) = (palette.ends(), palette.middle());
-                let legend = format!(
-                    "velocity along {} in {SPEED}: {more} is {full} or more, {none} 0, {less} -{full} or less",
-                    format!("{component:?}").to_lowercase(),
-                    full = short(*full)
-                );
-                Some(Legend { legend, range: Some([-full, *full]), scale: palette.scale(false) })
-            }
-            Kind::Segments(all) => {
-                let names = all.segments.iter().map(|s| format!("{} {}", s.name, hex(s.colour)));
-                plain(format!("segments: {}", names.collect::<Vec<_>>().join(", ")))
-            }
-        }
-    }
 }
 
 /// Like [`Selection::edited`]; during a preview, the unedited scene is taken from `still` or kept there.
@@ -380,21 +332,4 @@ fn edited(
     let edited = shown.edit(at.clone());
     *still = Some((time, at));
     edited
-}
-
-/// Formats a positive number with four significant digits, or all digits of its integer part if these are more.
-fn short(v: f32) -> String {
-    let decimals = (3.0 - v.log10().floor()).clamp(0.0, 12.0);
-    format!("{v:.*}", decimals as usize)
-}
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn small_numbers_keep_their_digits() {
-        assert_eq!(
-            [0.000_123_46, 0.5, 4.123_456, 12_345.6].map(super::short),
-            ["0.0001235", "0.5000", "4.123", "12346"]
-        );
-    }
 }

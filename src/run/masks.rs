@@ -1,12 +1,10 @@
 //! Masks of a run's segments: which segments are drawn, from which views, and what finds their masks.
 
-use super::cameras::Surroundings;
 use super::segments::write_picture;
 use super::{OpenRun, RunError};
-use crate::data::Truth;
-use crate::data::dataset::{Dataset, OpenOptions};
 use crate::data::paths::training_cameras;
 use crate::data::truth::LabelledView;
+use crate::data::{Surroundings, Truth};
 use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
 use crate::files::AtomicDir;
@@ -24,7 +22,6 @@ use crate::shell;
 use burn::tensor::Device;
 use image::RgbImage;
 use std::collections::BTreeSet;
-use std::path::Path;
 
 /// Default number of views.
 pub const VIEWS: usize = 30;
@@ -53,8 +50,6 @@ pub struct MaskRequest<'a> {
     pub views: Option<usize>,
     /// Time in [0, 1]; if `None`, the one at which the segments were found.
     pub time: Option<f64>,
-    /// For labels: the dataset, if it is not where the run's record says.
-    pub data: Option<&'a Path>,
 }
 
 /// What to draw.
@@ -237,28 +232,14 @@ pub fn write_pictures(
 
 /// Returns the dataset's known segments, and its views with a label image at the time nearest to `time`.
 fn labels(run: &OpenRun, request: &MaskRequest<'_>, time: f64) -> Result<(Truth, Vec<LabelledView>), RunError> {
-    let root = run.dataset(request.data)?;
-    let truth = Truth::read(root)?;
-    check_dataset(run, root)?;
+    let root = run.dataset()?;
+    let truth = Truth::read(&root)?;
+    run.check_dataset(&root)?;
     let mut views = truth.views_near(time, request.views.unwrap_or(VIEWS), run.config.data.downscale)?;
     if let Some(count) = request.views.filter(|n| *n < views.len()) {
         views = (0..count).map(|i| views[i * views.len() / count].clone()).collect();
     }
     Ok((truth, views))
-}
-
-/// Checks that the run was trained on this dataset: no later step would notice masks of one scene on the Gaussians of
-/// another.
-fn check_dataset(run: &OpenRun, root: &Path) -> Result<(), RunError> {
-    let options = OpenOptions { downscale: run.config.data.downscale, splits: &[], max_views: Some(1) };
-    if Dataset::open(root, &options)?.fingerprint() == run.record.fingerprint {
-        return Ok(());
-    }
-    Err(RunError::input(format!(
-        "{}: its training images or cameras are not those that the run was trained on, so its labels are of another \
-         scene; name the dataset of the run with --data",
-        root.display()
-    )))
 }
 
 fn read_handout(run: &OpenRun) -> Result<Handout, RunError> {

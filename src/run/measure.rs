@@ -1,6 +1,7 @@
 //! Evaluation of a run: on which data, into which folder, and at what cost.
 
 use super::{AnyRun, OpenRun, RunError, Trained};
+use crate::data::dataset::measured_fingerprint;
 use crate::data::{Dataset, OpenOptions, Split, SplitName};
 use crate::eval::results::{DataId, WriteError, results_folder, write_results};
 use crate::eval::run::{Costs, Evaluation, Sample, evaluate};
@@ -21,43 +22,56 @@ pub struct MeasuredOn {
     pub trained_times: Vec<f64>,
     /// Note for the user.
     pub note: Option<String>,
+    /// Whether the run was trained on the training views of this data, but its own dataset has other views of the split,
+    /// or other known segments.
+    pub other_views: bool,
 }
 
 impl MeasuredOn {
-    /// Identifies the data in the folder `given`, or the run's own.
+    /// Identifies the data in the folder `given`, or the run's own, of which `split` is to be measured.
     ///
     /// # Errors
     /// If the training views of another dataset, which identify it, exist and cannot be read.
-    pub fn open<S: Trained>(run: &OpenRun<S>, given: Option<&Path>) -> Result<Self, RunError> {
-        let folder = given.unwrap_or(&run.record.dataset);
-        let dataset = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
+    pub fn open<S: Trained>(run: &OpenRun<S>, given: Option<&Path>, split: SplitName) -> Result<Self, RunError> {
+        let folder = given.map_or_else(|| run.dataset(), |given| Ok(given.to_owned()))?;
+        let dataset = std::fs::canonicalize(&folder).unwrap_or_else(|_| folder.clone());
         let options = OpenOptions { downscale: run.config.data.downscale, splits: &[], max_views: None };
         let (mut trained, mut note) = (Vec::new(), None);
-        let fingerprint = match Dataset::open(folder, &options) {
+        let mut fingerprint = match Dataset::open(&folder, &options) {
             Ok(data) => {
                 if data.fingerprint() == run.record.fingerprint {
                     trained = trained_times(&data, &run.config);
                 }
                 data.fingerprint()
             }
-            Err(error) if dataset == run.record.dataset => {
+            Err(error) if given.is_none() || dataset == run.record.dataset => {
                 note = Some(format!(
                     "the training views cannot be read, so it is not verified that they are unchanged: {error}"
                 ));
                 run.record.fingerprint.clone()
             }
             // a dataset without training views has no fingerprint, and is not what the run was trained on
-            Err(_) if !SplitName::Train.json_path(folder).exists() => String::new(),
+            Err(_) if !SplitName::Train.json_path(&folder).exists() => String::new(),
             Err(error) => return Err(error.into()),
         };
-        Ok(Self { data: DataId { dataset, fingerprint }, trained_times: trained, note })
+        // the same training views with others of this split are other data
+        let mut other_views = false;
+        if let Ok(own) = run.dataset()
+            && dataset != own
+            && fingerprint == run.record.fingerprint
+            && let (Ok(here), Ok(there)) = (measured_fingerprint(&folder, split), measured_fingerprint(&own, split))
+            && here != there
+        {
+            (fingerprint, trained, other_views) = (format!("{fingerprint}-{here}"), Vec::new(), true);
+        }
+        Ok(Self { data: DataId { dataset, fingerprint }, trained_times: trained, note, other_views })
     }
 
     /// Returns the run's own data, as it was when the run was trained.
     #[must_use]
     pub fn own<S: Trained>(run: &OpenRun<S>, trained_times: Vec<f64>) -> Self {
         let (dataset, fingerprint) = (run.record.dataset.clone(), run.record.fingerprint.clone());
-        Self { data: DataId { dataset, fingerprint }, trained_times, note: None }
+        Self { data: DataId { dataset, fingerprint }, trained_times, note: None, other_views: false }
     }
 
     /// Returns whether the run was trained on this data.

@@ -7,11 +7,13 @@
 //! and [`keyframes`] are camera paths through such pictures. [`status`] is the state of training. [`segments`] changes
 //! the segments; [`split`] and [`pick`] find new ones with the field that [`affinity`] trains on [`masks`]; [`labels`]
 //! transfers them to voxels. [`edits`] changes the edits, [`follow`] tracks segments, [`export`] writes files for other
-//! programs, [`pack`] a small copy of the run, and [`measure`] evaluates the run. `files::RunPaths` gives the location
+//! programs, [`pack`] a small copy of the run, [`relocate`] records where its dataset is, and [`measure`] evaluates the run. `files::RunPaths` gives the location
 //! of every file.
 
 pub mod affinity;
 pub mod cameras;
+pub mod contents;
+mod dataset;
 pub mod edits;
 mod error;
 pub mod export;
@@ -26,6 +28,7 @@ mod open;
 pub mod pack;
 pub mod palette;
 pub mod pick;
+pub mod relocate;
 pub mod rendering;
 pub mod saved;
 pub mod segments;
@@ -34,5 +37,6 @@ pub mod split;
 pub mod status;
 pub mod view;
 
+pub use dataset::dataset_of;
 pub use error::RunError;
 pub use open::{AnyRun, OpenRun, Trained};

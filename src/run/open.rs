@@ -4,8 +4,6 @@ use super::RunError;
 use crate::config::PRESETS;
 use crate::config::layers::Layers;
 use crate::config::types::{Config, VOLSEGGS};
-use crate::data::dataset::read_split;
-use crate::data::{Split, SplitName};
 use crate::edit::EditStack;
 use crate::files::{RunLock, RunPaths, Work};
 use crate::method;
@@ -13,7 +11,7 @@ use crate::model::{Model, Scene};
 use crate::segment::segmentation::Segmentation;
 use crate::shell;
 use crate::train::run::RunRecord;
-use crate::train::{checkpoint, live, open_measured};
+use crate::train::{checkpoint, live};
 use burn::tensor::Device;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -56,6 +54,8 @@ pub struct OpenRun<S = Scene> {
     pub record: RunRecord,
     /// The resolved configuration.
     pub config: Config,
+    /// Where its dataset is, if a user said so.
+    pub(super) dataset: Option<PathBuf>,
 }
 
 impl OpenRun {
@@ -92,9 +92,10 @@ impl OpenRun {
     /// lock.
     #[must_use]
     pub fn share(&self) -> Self {
-        let Self { path, scene, scene_path, record, config, .. } = self;
-        let (path, scene_path, record, config) = (path.clone(), scene_path.clone(), record.clone(), config.clone());
-        Self { path, _lock: None, scene: scene.clone(), scene_path, record, config }
+        let Self { path, scene, scene_path, record, config, dataset, .. } = self;
+        let (path, scene_path, record) = (path.clone(), scene_path.clone(), record.clone());
+        let (scene, config, dataset) = (scene.clone(), config.clone(), dataset.clone());
+        Self { path, _lock: None, scene, scene_path, record, config, dataset }
     }
 
     /// Creates a run that this process is training, with its scene after `step` steps, which may not be in any file;
@@ -102,7 +103,7 @@ impl OpenRun {
     #[must_use]
     pub fn in_training(path: &Path, scene: Scene, step: usize, record: RunRecord, config: Config) -> Self {
         let scene_path = scene_at(path, step);
-        Self { path: path.to_owned(), _lock: None, scene, scene_path, record, config }
+        Self { path: path.to_owned(), _lock: None, scene, scene_path, record, config, dataset: None }
     }
 
     /// Replaces the scene with the one after `step` steps.
@@ -177,9 +178,9 @@ impl AnyRun {
     /// # Errors
     /// If its method has none.
     pub fn gaussians(self) -> Result<OpenRun, RunError> {
-        let Self { path, _lock, scene, scene_path, record, config } = self;
+        let Self { path, _lock, scene, scene_path, record, config, dataset } = self;
         match scene.into_scene() {
-            Some(scene) => Ok(OpenRun { path, _lock, scene, scene_path, record, config }),
+            Some(scene) => Ok(OpenRun { path, _lock, scene, scene_path, record, config, dataset }),
             None => Err(no_gaussians(&path, &record.method)),
         }
     }
@@ -197,22 +198,11 @@ impl AnyRun {
         let (checkpoint, scene) = found.ok_or_else(|| no_checkpoint(path))?;
         let (path, scene_path) = (run.as_path(), scene_of(&checkpoint));
         let paths = RunPaths(path);
-        let read = |file: &Path| {
-            std::fs::read_to_string(file).map_err(|e| RunError::input(format!("{}: {e}", file.display())))
-        };
-        let (record, file) = (paths.record(), paths.config());
+        let record = paths.record();
         let record =
             serde_json::from_str(&read(&record)?).map_err(|e| RunError::input(format!("{}: {e}", record.display())))?;
-        if !read(&file)?.contains("[stages]") {
-            return Err(RunError::input(format!(
-                "{}: is no longer the configuration of a run; restore it",
-                file.display()
-            )));
-        }
-        // resolved through the layers, so that a run from before a key existed still opens
-        let source = file.to_string_lossy().into_owned();
-        let config = Layers::new(PRESETS).source(source).resolve::<Config>().map_err(RunError::input)?.value;
-        Ok(Self { path: path.to_owned(), _lock: lock, scene, scene_path, record, config })
+        let config = config_in(&paths.config())?;
+        Ok(Self { path: path.to_owned(), _lock: lock, scene, scene_path, record, config, dataset: None })
     }
 }
 
@@ -286,37 +276,23 @@ impl<S: Trained> OpenRun<S> {
     pub fn edits(&self) -> Result<EditStack, RunError> {
         edits_in(&self.paths().edits())
     }
+}
 
-    /// Reads a split of the run's dataset, or of `data` instead.
-    ///
-    /// # Errors
-    /// If the dataset is no longer there, or cannot be read.
-    pub fn split(&self, name: SplitName, data: Option<&Path>, max_views: Option<usize>) -> Result<Split, RunError> {
-        Ok(read_split(self.dataset(data)?, name, self.config.data.downscale, max_views)?)
-    }
+fn read(file: &Path) -> Result<String, RunError> {
+    std::fs::read_to_string(file).map_err(|e| RunError::input(format!("{}: {e}", file.display())))
+}
 
-    /// Reads the views of a split that the run is measured on, see [`open_measured`].
-    ///
-    /// # Errors
-    /// As for [`OpenRun::split`].
-    pub fn measured(&self, name: SplitName, data: Option<&Path>, max_views: Option<usize>) -> Result<Split, RunError> {
-        Ok(open_measured(self.dataset(data)?, name, &self.config, max_views)?)
+/// Reads the configuration of a run from its file.
+pub(super) fn config_in(file: &Path) -> Result<Config, RunError> {
+    if !read(file)?.contains("[stages]") {
+        return Err(RunError::input(format!(
+            "{}: is no longer the configuration of a run; restore it",
+            file.display()
+        )));
     }
-
-    /// Returns the folder of the run's dataset, or `data` instead, which must exist.
-    ///
-    /// # Errors
-    /// If it does not exist.
-    pub fn dataset<'a>(&'a self, data: Option<&'a Path>) -> Result<&'a Path, RunError> {
-        let root = data.unwrap_or(&self.record.dataset);
-        if !root.is_dir() {
-            return Err(RunError::input(format!(
-                "{}: the dataset is no longer there; name its folder with --data",
-                root.display()
-            )));
-        }
-        Ok(root)
-    }
+    // resolved through the layers, so that a run from before a key existed still opens
+    let source = file.to_string_lossy().into_owned();
+    Ok(Layers::new(PRESETS).source(source).resolve::<Config>().map_err(RunError::input)?.value)
 }
 
 /// Reads the edits in a file; none if there is no file yet.
@@ -366,7 +342,7 @@ fn no_checkpoint(path: &Path) -> RunError {
         Some(record) => format!(
             "{run}: training has not reached a checkpoint yet; if it is no longer running, start it again with \
              `volseggs train --data {} --config {} --out {}`",
-            shell::path(&record.dataset),
+            shell::path(&record.find_dataset(path).unwrap_or(record.dataset)),
             shell::path(&RunPaths(path).config()),
             shell::path(path)
         ),

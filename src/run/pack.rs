@@ -2,7 +2,7 @@
 //! and edits.
 
 use super::{OpenRun, RunError};
-use crate::files::{AtomicDir, FolderKind, RunPaths};
+use crate::files::{AtomicDir, FolderKind, RunPaths, write_atomic};
 use crate::train::checkpoint;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -60,7 +60,13 @@ pub fn pack(run: &OpenRun, out: &Path) -> Result<PackedRun, RunError> {
     let (old, new) = (run.paths(), RunPaths(dir.dir()));
     let scene = checkpoint::save_packed(dir.dir(), &run.scene, from).map_err(RunError::failure)?;
     let scene_bytes = size(&scene)?;
-    copy(&old.record(), &new.record())?;
+    // seen from the copy, the dataset is elsewhere
+    let mut record = run.record.clone();
+    if let Ok(dataset) = run.dataset() {
+        record.set_dataset(out, &dataset);
+    }
+    let json = serde_json::to_vec_pretty(&record).map_err(RunError::failure)?;
+    write_atomic(&new.record(), &json).map_err(|e| RunError::failure(format!("{}: {e}", new.record().display())))?;
     copy(&old.config(), &new.config())?;
     for (from, to) in [(old.segments(), new.segments()), (old.affinity(), new.affinity()), (old.edits(), new.edits())] {
         if from.try_exists().map_err(|e| RunError::failure(format!("{}: {e}", from.display())))? {

@@ -77,7 +77,7 @@ pub struct Hit {
     pub gaussian: u32,
     /// Its share of the pixel's colour.
     pub weight: f32,
-    /// Its position, world units.
+    /// Its position, scene units.
     pub mean: [f32; 3],
     /// Segments that contain it, wholes before their parts.
     pub segments: Vec<Name>,
@@ -231,7 +231,7 @@ impl Clicking {
     }
 }
 
-/// Returns the point, in world units, of the surface that a pixel (column, row) of the camera's picture shows of the
+/// Returns the point, in scene units, of the surface that a pixel (column, row) of the camera's picture shows of the
 /// Gaussians at a `time`: on the pixel's ray, at the depth of the Gaussian that contributes most to the pixel.
 ///
 /// # Errors

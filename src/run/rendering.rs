@@ -6,14 +6,11 @@
 use super::{AnyRun, RunError};
 use crate::data::Split;
 use crate::eval::speed;
-use crate::files::{RunPaths, read_text};
 use crate::memory::{Budget, peak_memory, product};
 use crate::prepare::PrepareRecord;
-use crate::train::run::RunRecord;
 use crate::volume::raycast::RayCaster;
 use crate::volume::series::Series;
 use crate::volume::transfer::TransferFunction;
-use crate::words::plain;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -176,21 +173,6 @@ pub fn draw_run(run: &AnyRun, views: &Split, data: &Path, load_seconds: f64) -> 
         preparation_seconds: PrepareRecord::read(data).map_err(RunError::input)?.map(|record| record.seconds),
         training_seconds: run.training_seconds(),
     })
-}
-
-/// Returns the folder of the dataset that a run was trained on, according to its record.
-///
-/// # Errors
-/// If the run's record is missing or damaged.
-pub fn dataset_of(run: &Path) -> Result<PathBuf, RunError> {
-    let path = RunPaths(run).record();
-    let bad = |problem: String| {
-        let problem = plain(&problem);
-        RunError::input(format!("{}: {problem}; give the folder that `volseggs train --out` made", path.display()))
-    };
-    let text = read_text(&path).map_err(|e| bad(e.to_string()))?;
-    let record: RunRecord = serde_json::from_str(&text).map_err(|e| bad(e.to_string()))?;
-    Ok(record.dataset)
 }
 
 /// Formats both sides as a Markdown table.

@@ -66,7 +66,7 @@ impl SavedView {
         let mut look = view.look(run)?;
         let camera = view.camera(1.0);
         let image = look.frame(&run.scene, (camera.to_kernel(), view.time as f32), device)?;
-        view.range = look.legend().and_then(|l| l.range);
+        view.range = look.legend().and_then(|l| l.scene_range);
         let image = to_rgb8(&image, camera.width as usize, camera.height as usize);
         let text = serde_json::to_string(&Self::new(run, view, file)).map_err(RunError::failure)?;
         encode_png_with(&image, KEYWORD, &text).map_err(RunError::failure)

@@ -1,8 +1,8 @@
 //! Changes to a run's segments: finding them by colour, grouping, renaming, removing, and undoing each of these.
 
-use super::cameras::Surroundings;
 use super::open::edits_in;
 use super::{OpenRun, RunError};
+use crate::data::Surroundings;
 use crate::draw::views::view_sheet;
 use crate::edit::EditStack;
 use crate::export::images::{encode_png, to_rgb8};

@@ -165,7 +165,7 @@ impl Selection {
         Ok(self.cut(self.edited(scene, time)?))
     }
 
-    /// Returns the opacity-weighted centre of the selection at `time` in [0, 1], with edits applied, in world units: an
+    /// Returns the opacity-weighted centre of the selection at `time` in [0, 1], with edits applied, in scene units: an
     /// edit rotates and scales a segment about it. `None` if nothing is selected.
     ///
     /// # Errors

@@ -1,8 +1,8 @@
 //! Splitting a segment into parts by its affinity features.
 
-use super::cameras::Surroundings;
 use super::segments::{RunSegments, check_clusters};
 use super::{OpenRun, RunError, affinity};
+use crate::data::Surroundings;
 use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
 use crate::model::HostGaussians;

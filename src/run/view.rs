@@ -16,7 +16,7 @@ const MAX_SIDE: u32 = 4096;
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct View {
-    /// Position of the camera, world units.
+    /// Position of the camera, scene units.
     pub eye: [f64; 3],
     /// Point it looks at.
     pub target: [f64; 3],

@@ -90,7 +90,7 @@ pub(super) fn datasets(
                     views: dataset.train.frames.len(),
                     test_views: test.frames.len(),
                     size: [dataset.train.images.width, dataset.train.images.height],
-                    measured: measured_fingerprint(folder).map_err(|e| bad(&e))?,
+                    measured: measured_fingerprint(folder, SplitName::Test).map_err(|e| bad(&e))?,
                     source,
                 }
             }

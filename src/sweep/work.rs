@@ -187,9 +187,9 @@ impl Worker<'_> {
     }
 
     fn measure(&self, config: &Config, data: &Path, trained: &AnyRun, networks: &[Lpips]) -> Result<(), Failure> {
-        let split = open_measured(data, SplitName::Test, config, self.plan.eval.views);
+        let split = open_measured(data, SplitName::Test, config, self.plan.eval.views, None);
         let split = split.map_err(failed("eval"))?;
-        let on = MeasuredOn::open(trained, Some(data)).map_err(failed("eval"))?;
+        let on = MeasuredOn::open(trained, Some(data), SplitName::Test).map_err(failed("eval"))?;
         let folder = trained.paths().eval().join("test");
         let evaluation = measure(trained, &split, networks, &on, &folder, |_, _| ()).map_err(failed("eval"))?;
         let mut metrics = crate::compare::runs::metrics(&evaluation.summary, &trained.record);

@@ -146,11 +146,10 @@ fn folders(run: &Path) -> Result<Vec<(usize, PathBuf)>, CheckpointError> {
 /// [`CheckpointError::File`] if the folder cannot be read.
 pub fn newest(run: &Path) -> Result<Option<PathBuf>, CheckpointError> {
     let Some((_, path)) = folders(run)?.pop() else { return Ok(None) };
-    let files = KIND.markers.iter().chain(KIND.entries);
-    match files.into_iter().find(|name| !path.join(name).is_file()) {
+    // all that is needed to show it; the state of the optimiser is missed by what trains further
+    match [STATE, RunPaths::SCENE].into_iter().find(|name| !path.join(name).is_file()) {
         // a training removes old checkpoints, renaming them first
         Some(_) if !path.exists() => Ok(list(run).pop().map(|(_, path)| path)),
-        Some(&name) if name == OPTIMIZER && read_state(&path).is_ok_and(|state| state.packed) => Ok(Some(path)),
         Some(name) => Err(CheckpointError::Damaged {
             reason: format!("{}: {name} is missing", path.display()),
             advice: advice(&path),
@@ -320,14 +319,21 @@ fn restore_whole(
     if state.packed {
         return Err(CheckpointError::Packed { path: path.into() });
     }
-    if state.dataset != dataset {
-        return Err(CheckpointError::Dataset { path: path.into(), was: state.dataset, now: dataset.to_owned() });
-    }
+    // keys first, as some of them are part of the dataset's fingerprint
     let (allowed, refused) = resume::changes(&state.config, config, state.step).map_err(bad)?;
     if !refused.is_empty() {
         return Err(CheckpointError::Changed { path: path.into(), changes: refused });
     }
+    if state.dataset != dataset {
+        return Err(CheckpointError::Dataset { path: path.into(), was: state.dataset, now: dataset.to_owned() });
+    }
     let state_path = path.join(OPTIMIZER);
+    if !state_path.exists() {
+        return Err(CheckpointError::File {
+            reason: "is missing: the scene can be used, but not trained further without it".to_owned(),
+            path: state_path,
+        });
+    }
     let (tensors, _) = read_tensors(&state_path)?;
     training.resume(Saved {
         model: &path.join(RunPaths::SCENE),

@@ -29,22 +29,17 @@ pub fn read_located<T, E>(
     Ok((run, Some((found, value))))
 }
 
-/// Calls `read` for all checkpoints of a run, and returns the steps of those that still exist, oldest first.
-///
-/// # Errors
-/// Those of `read`, for a checkpoint that still exists.
-pub fn read_all<E>(run: &Path, read: impl Fn(&Path) -> Result<(), E>) -> Result<Vec<usize>, E> {
-    let mut steps = Vec::new();
+/// Calls `read` for all checkpoints of a run, and returns the steps, paths and results of those that still exist, oldest
+/// first.
+pub fn read_all<E>(run: &Path, read: impl Fn(&Path) -> Result<(), E>) -> Vec<(usize, PathBuf, Result<(), E>)> {
+    let mut found = Vec::new();
     for (step, path) in list(run) {
-        match read(&path) {
-            Err(_) if is_gone(&path) => {}
-            outcome => {
-                outcome?;
-                steps.push(step);
-            }
+        let outcome = read(&path);
+        if outcome.is_ok() || !is_gone(&path) {
+            found.push((step, path, outcome));
         }
     }
-    Ok(steps)
+    found
 }
 
 #[cfg(test)]
@@ -96,8 +91,11 @@ mod tests {
             }
             Ok(())
         };
-        assert_eq!(read_all(dir.path(), read), Ok(vec![20, 30]));
+        let outcomes = |read: &dyn Fn(&Path) -> Result<(), &'static str>| -> Vec<_> {
+            read_all(dir.path(), read).into_iter().map(|(step, _, outcome)| (step, outcome)).collect()
+        };
+        assert_eq!(outcomes(&read), [(20, Ok(())), (30, Ok(()))]);
         let damaged = |path: &Path| if path.ends_with("step-000030") { Err("damaged") } else { Ok(()) };
-        assert_eq!(read_all(dir.path(), damaged), Err("damaged"));
+        assert_eq!(outcomes(&damaged), [(20, Ok(())), (30, Err("damaged"))]);
     }
 }

@@ -26,6 +26,7 @@ pub mod observer;
 mod open;
 pub mod optimizer;
 pub mod rate_schedule;
+pub mod record;
 mod relocate;
 mod report;
 pub mod resume;

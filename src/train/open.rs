@@ -4,7 +4,7 @@ use crate::config::types::{Config, DataConfig};
 use crate::data::dataset::{read_split, renumber};
 use crate::data::images::ImageSet;
 use crate::data::thin::{at_times, evenly, nearest_times, thinned};
-use crate::data::{DataError, Dataset, OpenOptions, Split, SplitName};
+use crate::data::{DataError, Dataset, Normalisation, OpenOptions, Split, SplitName};
 use crate::rng::{Purpose, Rng};
 use std::path::Path;
 
@@ -31,7 +31,7 @@ pub fn open_dataset(root: &Path, config: &Config) -> Result<Dataset, DataError> 
 }
 
 /// Opens the views of a split that a scene trained with `config` is evaluated on, at most `max_views`, evenly spaced:
-/// all views, or with `data.only_times` those nearest to the training times.
+/// all views, or with `data.only_times` those nearest to the training times. `normalisation` as for [`read_split`].
 ///
 /// # Errors
 /// If the split, or with `data.only_times` the list of training views, cannot be read.
@@ -40,11 +40,12 @@ pub fn open_measured(
     name: SplitName,
     config: &Config,
     max_views: Option<usize>,
+    normalisation: Option<Normalisation>,
 ) -> Result<Split, DataError> {
     if config.data.only_times.is_empty() {
-        return read_split(root, name, config.data.downscale, max_views);
+        return read_split(root, name, config.data.downscale, max_views, normalisation);
     }
-    let split = read_split(root, name, config.data.downscale, None)?;
+    let split = read_split(root, name, config.data.downscale, None, normalisation)?;
     // without training views, the requested times are used
     let times = match SplitName::Train.json_path(root).exists() {
         true => {
@@ -156,7 +157,7 @@ mod tests {
         let data = open_dataset(folder.path(), &config).unwrap();
         assert_eq!((data.train.times(), data.train.frames.len(), data.train.images.len()), (vec![1.0], 3, 3));
         assert_eq!(data.test.map(|t| (t.times(), t.frames.len())), Some((vec![1.0], 3)));
-        let measured = |views| open_measured(folder.path(), SplitName::Test, &config, views).unwrap();
+        let measured = |views| open_measured(folder.path(), SplitName::Test, &config, views, None).unwrap();
         assert_eq!((measured(None).times(), measured(None).frames.len()), (vec![1.0], 3));
         assert_eq!((measured(Some(2)).times(), measured(Some(2)).images.len()), (vec![1.0], 2));
         assert_eq!(trained_times(&open_dataset(folder.path(), &Config::default()).unwrap(), &config), [1.0]);

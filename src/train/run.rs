@@ -3,11 +3,12 @@
 use super::checkpoint::{self, CheckpointError, State};
 use super::logs::{line, log_events, message};
 use super::observer::{Moment, Observer, wait_for};
+pub use super::record::RunRecord;
 use super::report::MeanTimes;
 use super::resume::{AVERAGE, Change};
 use super::{TrainError, Training};
-use crate::config::types::{Config, VOLSEGGS};
-use crate::data::{Calibration, Dataset, Split};
+use crate::config::types::Config;
+use crate::data::{Dataset, Split, Surroundings};
 use crate::files::{LockError, RunLock, RunPaths, Work, read_text, write_atomic};
 use crate::log::jsonl::{JsonlWriter, truncate_after};
 use crate::log::progress;
@@ -18,7 +19,6 @@ use crate::model::Model;
 use crate::program;
 use crate::shell;
 use indicatif::ProgressBar;
-use serde::{Deserialize, Serialize};
 use std::cell::Cell;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -53,49 +53,6 @@ pub struct RunOptions {
     pub device_name: String,
     /// Stop after this many steps in total, as if interrupted (a checkpoint is saved).
     pub stop_after: Option<usize>,
-}
-
-/// The record of a run, `run.json`.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub struct RunRecord {
-    /// Version of the program.
-    pub version: String,
-    /// The method; VolSegGS in records of early versions, which had no other.
-    #[serde(default = "ours")]
-    pub method: String,
-    /// Digest of the program, see [`crate::program`]; empty in records of early versions.
-    #[serde(default)]
-    pub build: String,
-    /// Digests of other builds that took earlier steps, if the run was resumed with a different one.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub earlier_builds: Vec<String>,
-    /// Seed.
-    pub seed: u64,
-    /// Device.
-    pub device: String,
-    /// Worker threads.
-    pub threads: usize,
-    /// Dataset folder.
-    pub dataset: PathBuf,
-    /// Fingerprint of the dataset.
-    pub fingerprint: String,
-    /// Physical space and time of the scene, as the dataset gave them.
-    #[serde(default)]
-    pub calibration: Calibration,
-    /// `running`, `interrupted` or `complete`.
-    pub status: String,
-    /// Steps taken.
-    pub steps: usize,
-    /// Seconds of training, excluding pauses and the time between a stop and a resume.
-    pub training_seconds: f64,
-    /// Gaussians at the end; 0 for a method without primitives.
-    pub gaussians: usize,
-    /// Peak memory in bytes, the maximum over all processes that trained the run; 0 if unknown.
-    pub peak_memory_bytes: u64,
-}
-
-fn ours() -> String {
-    VOLSEGGS.to_owned()
 }
 
 /// How a run ended.
@@ -227,6 +184,7 @@ pub fn run(
     let started = Instant::now();
     let paused = Cell::new(Duration::ZERO);
     let seconds = || seconds_before + (started.elapsed() - paused.get()).as_secs_f64();
+    let (centre, _) = training.model().place();
     let mut record = RunRecord {
         version: env!("CARGO_PKG_VERSION").into(),
         method: config.method.clone(),
@@ -235,15 +193,19 @@ pub fn run(
         seed: config.seed,
         device: options.device_name.clone(),
         threads: rayon::current_num_threads(),
-        dataset: root,
+        dataset: PathBuf::new(),
+        dataset_from_run: None,
         fingerprint: fingerprint.clone(),
-        calibration: Calibration::default(),
+        calibration: dataset.calibration(),
+        normalisation: dataset.normalisation(),
+        surroundings: Some(Surroundings::new(&dataset.first_camera, centre)),
         status: "running".into(),
         steps: first,
         training_seconds: seconds_before,
         gaussians: training.model().counts().primitives,
         peak_memory_bytes: peak_before,
     };
+    record.set_dataset(out, &root);
     let write_record = |record: &RunRecord| {
         let json = serde_json::to_vec_pretty(record).map_err(|e| log_error(&record_path, &e))?;
         write_atomic(&record_path, &json).map_err(|e| log_error(&record_path, &e))
@@ -359,12 +321,25 @@ pub fn run(
     record.peak_memory_bytes = peak_memory().max(peak_before);
     if let Some(earlier) = earlier.filter(|_| record.steps == first) {
         // nothing was trained: build, device and threads stay those of the steps, which may be fewer than before
-        let RunRecord { status, dataset, gaussians, .. } = record;
+        let RunRecord {
+            status, dataset, dataset_from_run, calibration, normalisation, surroundings, gaussians, ..
+        } = record;
         let (seconds, gaussians) = match earlier.steps == first {
             true => (earlier.training_seconds, earlier.gaussians),
             false => (seconds_before, gaussians),
         };
-        record = RunRecord { status, dataset, steps: first, training_seconds: seconds, gaussians, ..earlier };
+        record = RunRecord {
+            status,
+            dataset,
+            dataset_from_run,
+            calibration,
+            normalisation,
+            surroundings,
+            steps: first,
+            training_seconds: seconds,
+            gaussians,
+            ..earlier
+        };
     }
     write_record(&record)?;
     Ok(RunOutcome { record, complete, test_psnr, changed })

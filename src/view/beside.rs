@@ -52,7 +52,7 @@ pub fn beside(
         let serve = || {
             let Some(begun) = live.begun() else { return Ok(()) };
             let run = begun.open(&options.device).map_err(RunError::failure)?;
-            let space = Workspace::in_training(run, live.clone(), &options.device, options.read_only);
+            let space = Workspace::in_training(run, live.clone(), &options.device, options.read_only)?;
             listening.serve(space, Vec::new(), options.cache, hub, &stop, || ())
         };
         let server = std::thread::Builder::new().name("viewer".into()).spawn_scoped(scope, serve);

@@ -197,7 +197,7 @@ impl Client {
     pub fn range(&self) -> Option<[f32; 2]> {
         let wanted = shown(self.view.as_ref()?, Side::Picture);
         let (_, look) = self.looks[0].as_ref().filter(|(key, _)| key.starts_with(&wanted))?;
-        look.legend().and_then(|l| l.range)
+        look.legend().and_then(|l| l.scene_range)
     }
 
     /// Sends why there is no second picture, if that changed.
@@ -245,7 +245,7 @@ impl Client {
         self.select(id, hit, view.time, (before, combine), meaning, started)
     }
 
-    /// Returns the position, in world units, of what a pixel shows in the view that was requested last.
+    /// Returns the position, in scene units, of what a pixel shows in the view that was requested last.
     ///
     /// # Errors
     /// If nothing is there.

@@ -53,6 +53,8 @@ use workspace::Workspace;
 pub struct ViewOptions {
     /// Folder of the run.
     pub run: PathBuf,
+    /// Its dataset, if that was moved.
+    pub data: Option<PathBuf>,
     /// Runs, or checkpoints of runs, that it can be compared with.
     pub with: Vec<PathBuf>,
     /// Device on which all of them are drawn.
@@ -70,7 +72,7 @@ pub struct ViewOptions {
 /// # Errors
 /// If the run cannot be opened, or the address cannot be used.
 pub fn serve(options: &ViewOptions, stop: &AtomicBool, ready: impl FnOnce(&Serving)) -> Result<(), ViewError> {
-    let space = Workspace::open(&options.run, &options.device, options.read_only)?;
+    let space = Workspace::open(&options.run, options.data.as_deref(), &options.device, options.read_only)?;
     let others = Other::open(&options.with, &options.device)?;
     let listening = Listening::open(&options.reach)?;
     let serving = listening.serving().clone();

@@ -32,7 +32,7 @@ impl Other {
             return Err(RunError::input(format!("--with {}: is given twice; give each run once", paths[k].display())));
         }
         let opened = paths.iter().zip(names(&whole)).map(|(path, name)| {
-            let space = Workspace::open(path, device, true)?;
+            let space = Workspace::open(path, None, device, true)?;
             Ok(Self { name, space })
         });
         opened.collect()

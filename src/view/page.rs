@@ -35,7 +35,7 @@ pub const FILES: [PageFile; 3] = files![
 ];
 
 /// The modules of the page's script.
-pub const MODULES: [PageFile; 24] = modules![
+pub const MODULES: [PageFile; 25] = modules![
     "address.js",
     "app.js",
     "camera.js",
@@ -60,6 +60,7 @@ pub const MODULES: [PageFile; 24] = modules![
     "time.js",
     "tracks.js",
     "training.js",
+    "units.js",
 ];
 
 #[cfg(test)]

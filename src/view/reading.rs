@@ -1,8 +1,8 @@
 //! Reads a run from its folder, and a newer checkpoint beside the drawing thread, so that frames go on meanwhile.
 
 use super::training::{Stamp, stamp};
+use crate::data::Surroundings;
 use crate::edit::EditStack;
-use crate::run::cameras::Surroundings;
 use crate::run::segments::RunSegments;
 use crate::run::{OpenRun, RunError, affinity};
 use crate::segment::fine::AffinityField;
@@ -47,15 +47,15 @@ pub struct Read {
 }
 
 impl Read {
-    /// Reads the run, or one of its checkpoints, at `path`.
+    /// Reads the run, or one of its checkpoints, at `path`, with its dataset in the folder `data` if that was moved.
     ///
     /// # Errors
     /// If the run or a file of it cannot be used.
-    pub fn new(path: &Path, device: &Device) -> Result<Self, RunError> {
-        let run = OpenRun::open(path, device)?;
+    pub fn new(path: &Path, data: Option<&Path>, device: &Device) -> Result<Self, RunError> {
+        let run = OpenRun::open(path, device)?.with_dataset(data)?;
         let seen = seen(&run);
         let ((segments, fault), edits) = (RunSegments::replacing(&run), run.edits()?);
-        let (fault, field, around) = (fault.map(|e| e.to_string()), field(&run, device), run.surroundings());
+        let (fault, field, around) = (fault.map(|e| e.to_string()), field(&run, device), run.surroundings()?);
         Ok(Self { run, around, seen, segments, fault, edits, field })
     }
 }
@@ -65,13 +65,14 @@ impl Read {
 pub struct Newer(Option<JoinHandle<Result<Read, RunError>>>);
 
 impl Newer {
-    /// Begins to read the run at `path` again.
+    /// Begins to read `run` again.
     ///
     /// # Errors
     /// If the system gives no thread.
-    pub fn begin(&mut self, path: &Path, device: &Device) -> Result<(), RunError> {
-        let (path, device) = (path.to_owned(), device.clone());
-        let thread = std::thread::Builder::new().name("checkpoint".into()).spawn(move || Read::new(&path, &device));
+    pub fn begin(&mut self, run: &OpenRun, device: &Device) -> Result<(), RunError> {
+        let (path, data, device) = (run.path.clone(), run.given_dataset().map(Path::to_owned), device.clone());
+        let read = move || Read::new(&path, data.as_deref(), &device);
+        let thread = std::thread::Builder::new().name("checkpoint".into()).spawn(read);
         self.0 =
             Some(thread.map_err(|e| RunError::failure(format!("cannot start a thread to read the checkpoint: {e}")))?);
         Ok(())

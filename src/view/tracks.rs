@@ -29,11 +29,11 @@ pub struct Track {
     pub segments: Vec<String>,
     /// Times in [0, 1].
     pub times: Vec<f64>,
-    /// Volume at each, in cubic world units.
+    /// Volume at each, in cubic scene units.
     pub volume: Vec<f64>,
-    /// Centroid at each, in world units; `None` where nothing is visible.
+    /// Centroid at each, in scene units; `None` where nothing is visible.
     pub centroid: Vec<Option<[f64; 3]>>,
-    /// Speed of the centroid at each, in world units per unit of time.
+    /// Speed of the centroid at each, in scene units per unit of time.
     pub speed: Vec<Option<f64>>,
     /// Events of its parts.
     pub events: Vec<TrackEvent>,

@@ -140,7 +140,7 @@ fn edits() {
         let read = move |bytes: &[u8]| {
             scratch.overwrite(&path, bytes);
             let Some(mut stack) = accepted(EditStack::load(&path)) else { return false };
-            let _ = stack.list();
+            let _ = stack.list(&volseggs::data::Calibration::default());
             accepted(stack.validate(&|name| name == "red"));
             stack.save(&again).unwrap();
             assert_eq!(EditStack::load(&again).unwrap(), stack, "unchanged by writing and reading");
@@ -178,7 +178,7 @@ fn ply() {
                 shading: None,
                 embedding: None,
             };
-            ply::write(&gaussians, &path).unwrap();
+            ply::write(&gaussians, &path, &ply::PlyOptions::default()).unwrap();
             std::fs::read(&path).unwrap()
         });
         let scratch = scratch.clone();

@@ -33,7 +33,7 @@ fn a_shaded_scene_works_with_every_command() {
     let file = root.join("scene.ply");
     volseggs().args(["export", &run, "--time", "0.5", "--out"]).arg(&file).assert().success();
     let read = ply::read(&file).unwrap();
-    assert_eq!((read.len(), read.sh_degree(), read.shading.is_none()), (400, 2, true));
+    assert_eq!((read.len(), read.sh_degree(), read.shading.is_none()), (400, 3, true));
 
     volseggs().args(["segment", "coarse", &run, "--clusters", "2"]).assert().success();
 }

@@ -190,7 +190,7 @@ fn depth_velocity_and_segments_are_shown_in_colour() {
     let (depth, log) = report(&["--show", "depth"]);
     let [near, far] = [0, 1].map(|i| depth["range"][i].as_f64().unwrap());
     assert!(2.0 < near && near < far && far < 6.0, "{depth}");
-    assert!(log.contains("world units"), "{log}");
+    assert!(log.contains("depth (normalised)"), "{log}");
     let pixels = drawn(&run.render(&["--show", "depth"]));
     assert!(!pixels.is_empty() && pixels.len() <= background);
 
@@ -198,7 +198,7 @@ fn depth_velocity_and_segments_are_shown_in_colour() {
         let (velocity, log) = report(&["--show", "velocity", "--velocity-axis", axis]);
         let [low, high] = [0, 1].map(|i| velocity["range"][i].as_f64().unwrap());
         assert!(high > 0.0 && low == if axis == "speed" { 0.0 } else { -high }, "{velocity}");
-        assert!(log.contains("world units per unit of time"), "{log}");
+        assert!(log.contains("(normalised)"), "{log}");
     }
     run.render(&["--show", "velocity"]);
     let (plain, _) = report(&[]);

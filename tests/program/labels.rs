@@ -130,7 +130,7 @@ fn invalid_label_exports_are_refused() {
         (&["--format", "vti", "--like", "none.nrrd"], &["none.nrrd"]),
         (&["--format", "vti", "--truth", "small.npy"], &["--like", "small.npy"]),
         (&["--format", "vti", "--truth", "jets", "--dims", "8,8,8"], &["--truth jets", "--dims"]),
-        (&["--format", "vti", "--data", "nowhere"], &["nowhere", "prepare.json"]),
+        (&["--format", "vti", "--data", "nowhere"], &["--data nowhere", "no such folder"]),
         (&["--format", "nrrd", "--threshold", "-1"], &["--threshold", "-1"]),
         (&["--dims", "8,8,8", "--out", "x.ply"], &["--dims", "--format nrrd"]),
     ] {

@@ -30,7 +30,6 @@ fn incompatible_options_are_refused_before_anything_is_read() {
         command.current_dir(folder.path()).env("XDG_CACHE_HOME", folder.path().join("cache"));
         refused(command.args(["segment", "masks", "run"]).args(arguments), words);
     };
-    with(&["--data", "d"], &["--data is for --source labels", "not --source regions"]);
     with(&["--masks", "d", "--source", "sam"], &["--masks is for --source dir"]);
     with(&["--points", "4"], &["--points is for --source sam"]);
     with(&["--sam-weights", "w"], &["--sam-weights is for --source sam"]);

@@ -406,6 +406,80 @@ fn inspect_replaces_only_its_own_pictures_and_fails_on_damaged_files() {
 }
 
 #[test]
+fn inspect_checks_every_file_of_a_run() {
+    let folder = with_run();
+    let root = folder.path();
+    std::fs::write(root.join("run/edits.json"), "{\"version\": 1, \"operations\": [], \"undone\": []}").unwrap();
+    let shown = call(root, "inspect run").assert().success().get_output().stdout.clone();
+    let shown = String::from_utf8(shown).unwrap();
+    for words in ["ok   run.json: volseggs, complete after 80 steps", "ok   config.toml", "segments: ", "Gaussians"] {
+        assert!(shown.contains(words), "{words} is not in:\n{shown}");
+    }
+    let files: Vec<PathBuf> = ["run.json", "config.toml", "edits.json", "segments/segments.safetensors"]
+        .into_iter()
+        .map(PathBuf::from)
+        .chain(["state.json", "scene.safetensors", "optimizer.safetensors"].map(|name| {
+            let newest = names(&root.join("run/checkpoints")).pop().unwrap();
+            Path::new("checkpoints").join(newest).join(name)
+        }))
+        .collect();
+    for file in files {
+        let path = root.join("run").join(&file);
+        let whole = std::fs::read(&path).unwrap();
+        let mut flipped = whole.clone();
+        flipped[whole.len() / 2] ^= 0x40;
+        let is_text = file.extension().is_none_or(|e| e != "safetensors");
+        let cut = &whole[..whole.len() / 2];
+        for damaged in [&[][..], &vec![0; whole.len()], cut, if is_text { cut } else { &flipped }] {
+            std::fs::write(&path, damaged).unwrap();
+            for more in ["", " --json"] {
+                let output = call(root, &format!("inspect run{more}")).assert().code(2).get_output().clone();
+                let said = String::from_utf8(output.stderr).unwrap();
+                let name = file.file_name().unwrap().to_str().unwrap();
+                assert!(said.contains(name), "{name} is not in: {said}");
+                assert!(!output.stdout.is_empty(), "what is whole is shown");
+            }
+        }
+        std::fs::write(&path, whole).unwrap();
+    }
+    call(root, "inspect run").assert().success();
+}
+
+#[test]
+fn a_render_is_no_picture_of_another_format() {
+    let folder = with_run();
+    let root = folder.path();
+    for name in ["q.gif", "q.JPG", "q.webm"] {
+        refused(
+            &mut call(root, &format!("render run --camera 3,-2,1.5 --out {name}")),
+            &[name, ".png", ".mp4", "folder"],
+        );
+        assert!(!root.join(name).exists());
+    }
+}
+
+#[test]
+fn config_show_checks_what_train_checks() {
+    let folder = tempfile::tempdir().unwrap();
+    for json in ["", " --json"] {
+        let call = |set: &str| call(folder.path(), &format!("config show --set {set}{json}"));
+        refused(&mut call("loss.dssim=nan"), &["loss.dssim"]);
+        refused(&mut call("init.opacity=2"), &["init.opacity"]);
+        call("loss.dssim=0.1").assert().success();
+    }
+}
+
+#[test]
+fn steps_of_a_series_are_given_once_and_in_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let prepare = "prepare --synthetic jets --dims 16 --series-steps 5 --size 16 --out data --steps";
+    for (steps, words) in [("1,1", "1 after 1"), ("3,0", "0 after 3")] {
+        let error = refused(&mut call(folder.path(), &format!("{prepare} {steps}")), &["--steps", words]);
+        assert!(error.contains("ascending") && !folder.path().join("data").exists(), "{error}");
+    }
+}
+
+#[test]
 fn the_demo_refuses_a_folder_that_it_did_not_make() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path();

@@ -57,6 +57,28 @@ fn a_trained_run_can_be_lengthened_but_not_shortened_or_changed() {
 }
 
 #[test]
+fn a_changed_key_is_named_also_where_it_changes_the_data() {
+    let root = dataset();
+    let run = root.path().join("run");
+    train(root.path(), "run", &[]).args(["--stop-after", "12"]).assert().success();
+    let more = ["--set", "data.downscale=2", "--set", "data.times=2"];
+    refused(
+        &mut resume(&run, &more),
+        &["data.downscale was 1 and is 2 now", "data.times was 0 and is 2 now", "12 steps already taken"],
+    );
+    // other images under the same keys are another dataset
+    let image = root.path().join("data/train/r_001.png");
+    image::open(&image).unwrap().flipv().save(&image).unwrap();
+    std::fs::OpenOptions::new()
+        .append(true)
+        .open(&image)
+        .unwrap()
+        .set_len(std::fs::metadata(&image).unwrap().len() + 9)
+        .unwrap();
+    refused(&mut resume(&run, &[]), &["another dataset", "--data"]);
+}
+
+#[test]
 fn another_average_of_a_finished_run_is_its_scene() {
     let root = dataset();
     let (run, raw) = (root.path().join("run"), root.path().join("raw"));
@@ -257,7 +279,11 @@ fn a_nan_in_a_scene_is_reported_with_tensor_and_row() {
     for (value, word) in [(f32::NAN, "NaN"), (f32::INFINITY, "inf")] {
         tensors.get_mut("gaussians.means").unwrap().values[3 * 7 + 1] = value;
         write_tensors(&path, &tensors, Some(("volseggs", header["volseggs"].clone()))).unwrap();
-        for command in ["render", "export", "eval", "inspect"] {
+        let mut inspect = volseggs();
+        let shown = inspect.arg("inspect").arg(&run).assert().code(2).get_output().clone();
+        let shown = String::from_utf8(shown.stderr).unwrap();
+        assert!(shown.contains("gaussians.means, row 7") && shown.contains(word), "{shown}");
+        for command in ["render", "export", "eval"] {
             let mut program = volseggs();
             program.current_dir(root.path()).arg(command).arg(&run);
             if ["render", "export"].contains(&command) {

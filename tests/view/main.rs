@@ -121,6 +121,34 @@ fn the_picture_at_rest_matches_that_of_render() {
 }
 
 #[test]
+fn the_page_is_told_the_units_of_the_data() {
+    let folder = run();
+    let path = folder.path().join("run/run.json");
+    let mut record = common::json(&path);
+    let known = json!({
+        "space": { "centre": [1000.0, -5.0, 3.5], "scale": 72.0, "unit": "mm" },
+        "time": { "start": 100.0, "end": 300.0, "unit": "s" },
+    });
+    record["calibration"].clone_from(&known);
+    std::fs::write(&path, record.to_string()).unwrap();
+    let name = list(folder.path())[0]["name"].as_str().unwrap().to_owned();
+    run_json(folder.path(), &["edit", "translate", "run", "--segment", &name, "--by", "7.2,0,0"]);
+
+    let server = Server::start(folder.path(), &[]);
+    let (mut window, welcome) = Window::open(&server);
+    assert_eq!((&welcome["calibration"], &welcome["units"]["speed"]), (&known, &json!("mm/s")));
+    let document = window.wait_for(|m| m["type"] == "document");
+    assert_eq!(document["edits"], json!([format!("move {name} by (7.2, 0, 0) mm")]));
+    window.say(&view(&welcome, 0.3, "depth", false));
+    let legend = window.wait_for(|m| m["type"] == "legend" && m["legend"].is_object());
+    assert_eq!(legend["legend"]["unit"], "mm");
+    for k in 0..2 {
+        let [shown, scene] = ["range", "scene_range"].map(|name| legend["legend"][name][k].as_f64().unwrap());
+        assert!((shown - 72.0 * scene).abs() < 1e-4, "{legend}");
+    }
+}
+
+#[test]
 fn a_window_without_acknowledgements_gets_two_frames_and_the_newest_view_wins() {
     let folder = run();
     let server = Server::start(folder.path(), &[]);

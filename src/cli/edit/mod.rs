@@ -2,20 +2,22 @@
 
 mod values;
 
-use super::values::{count, finite_f32, not_negative_f32, positive_f32};
+use super::values::{count, finite_f32, not_negative_f32, point, positive_f32};
 use super::{CliError, Common, command_line, print_json};
+use crate::data::calibration::PhysicalSpace;
 use crate::edit::{Edit, EditStack, Operation};
 use crate::files::Work;
 use crate::run::segments::Towards;
 use crate::run::{OpenRun, RunError, edits};
 use clap::{Args, Subcommand};
+use glam::DVec3;
 use std::path::PathBuf;
-use values::{colour, point};
+use values::colour;
 
 /// Recolour, fade, hide or move segments, and undo such edits.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs edit recolour RUN --segment red --colour '#ff8800'\n  volseggs edit opacity RUN --segment red --segment blue --factor 0.3\n  volseggs edit isolate RUN --segment red.1\n  volseggs edit translate RUN --segment red --by 0.2,0,-0.1\n  volseggs edit rotate RUN --segment red --axis 0,0,1 --degrees 30\n  volseggs edit undo RUN --count 2\n  volseggs edit list RUN\n\nEdits are stored in RUN/edits.json, apply at every time, and are visible in `volseggs render` and in exported Gaussians unless --no-edits is given there; label volumes ignore them unless --edited is given."
+    after_help = "Examples:\n  volseggs edit recolour RUN --segment red --colour '#ff8800'\n  volseggs edit opacity RUN --segment red --segment blue --factor 0.3\n  volseggs edit isolate RUN --segment red.1\n  volseggs edit translate RUN --segment red --by 12,0,-3.5          # mm, if the data are in mm\n  volseggs edit rotate RUN --segment red --axis 0,0,1 --degrees 30\n  volseggs edit undo RUN --count 2\n  volseggs edit list RUN\n\nEdits are stored in RUN/edits.json, apply at every time, and are visible in `volseggs render` and in exported Gaussians unless --no-edits is given there; label volumes ignore them unless --edited is given."
 )]
 pub struct EditArgs {
     #[command(subcommand)]
@@ -39,6 +41,33 @@ struct Targets {
     segments: Vec<String>,
     #[command(flatten)]
     target: Target,
+}
+
+/// The units of lengths and positions.
+#[derive(Debug, Clone, Copy, Args)]
+struct Units {
+    /// Lengths and positions are in scene units, as in edits.json, and not in those of the data; runs whose data have
+    /// no known units always take scene units.
+    #[arg(long)]
+    scene_units: bool,
+}
+
+impl Units {
+    /// The space in which lengths and positions are given; `None` for that of the scene.
+    fn space(self, run: &OpenRun) -> Option<&PhysicalSpace> {
+        run.calibration().space.as_ref().filter(|_| !self.scene_units)
+    }
+
+    /// A displacement in scene units.
+    fn length(self, run: &OpenRun, by: DVec3) -> [f32; 3] {
+        self.space(run).map_or(by, |space| by / space.scale).as_vec3().to_array()
+    }
+
+    /// A position in scene units.
+    fn position(self, run: &OpenRun, at: DVec3) -> [f32; 3] {
+        let at = at.to_array();
+        self.space(run).map_or(at, |space| space.to_scene(at)).map(|v| v as f32)
+    }
 }
 
 #[derive(Debug, Subcommand)]
@@ -78,11 +107,15 @@ enum EditCommand {
     #[command(after_help = "Example:\n  volseggs edit isolate RUN --segment red --segment blue")]
     Isolate(Targets),
     /// Move segments.
-    #[command(after_help = "Example:\n  volseggs edit translate RUN --segment red --by 0.2,0,-0.1")]
+    #[command(
+        after_help = "Examples:\n  volseggs edit translate RUN --segment red --by 12,0,-3.5\n  volseggs edit translate RUN --segment red --by 0.2,0,-0.1 --scene-units"
+    )]
     Translate {
-        /// Displacement along x, y, z, world units.
+        /// Displacement along x, y, z, in the unit of the data.
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
-        by: [f32; 3],
+        by: DVec3,
+        #[command(flatten)]
+        units: Units,
         #[command(flatten)]
         targets: Targets,
     },
@@ -91,13 +124,15 @@ enum EditCommand {
     Rotate {
         /// Rotation axis, of any non-zero length.
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
-        axis: [f32; 3],
+        axis: DVec3,
         /// Angle in degrees, right-handed about the axis.
         #[arg(long, value_parser = finite_f32, allow_negative_numbers = true)]
         degrees: f32,
-        /// Point that stays fixed, world units; if not given, each segment's own centre at each time.
+        /// Point that stays fixed, in the coordinates of the data; if not given, each segment's own centre at each time.
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
-        about: Option<[f32; 3]>,
+        about: Option<DVec3>,
+        #[command(flatten)]
+        units: Units,
         #[command(flatten)]
         targets: Targets,
     },
@@ -107,9 +142,11 @@ enum EditCommand {
         /// Factor, above 0.
         #[arg(long, value_parser = positive_f32, allow_negative_numbers = true)]
         factor: f32,
-        /// Point that stays fixed, world units; if not given, each segment's own centre at each time.
+        /// Point that stays fixed, in the coordinates of the data; if not given, each segment's own centre at each time.
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
-        about: Option<[f32; 3]>,
+        about: Option<DVec3>,
+        #[command(flatten)]
+        units: Units,
         #[command(flatten)]
         targets: Targets,
     },
@@ -141,32 +178,47 @@ enum EditCommand {
 
 impl EditArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let (targets, operation) = match self.command {
+        match self.command {
             EditCommand::Recolour { targets, colour, flat } => {
-                (targets, Operation::Recolour { rgb: colour, keep_shading: !flat })
+                targets.edit(|_| Operation::Recolour { rgb: colour, keep_shading: !flat })
             }
-            EditCommand::Opacity { targets, factor, show } => (targets, Operation::Opacity { factor, show }),
-            EditCommand::Hide(targets) => (targets, Operation::Hide),
-            EditCommand::Show(targets) => (targets, Operation::Show),
-            EditCommand::Isolate(targets) => (targets, Operation::Isolate),
-            EditCommand::Translate { targets, by } => (targets, Operation::Translate { by }),
-            EditCommand::Rotate { targets, axis, degrees, about } => {
-                (targets, Operation::Rotate { axis, degrees, about })
+            EditCommand::Opacity { targets, factor, show } => targets.edit(|_| Operation::Opacity { factor, show }),
+            EditCommand::Hide(targets) => targets.edit(|_| Operation::Hide),
+            EditCommand::Show(targets) => targets.edit(|_| Operation::Show),
+            EditCommand::Isolate(targets) => targets.edit(|_| Operation::Isolate),
+            EditCommand::Translate { targets, by, units } => {
+                targets.edit(|run| Operation::Translate { by: units.length(run, by) })
             }
-            EditCommand::Scale { targets, factor, about } => (targets, Operation::Scale { factor, about }),
-            EditCommand::Undo { target, count } => {
-                return target.change(|run| edits::step(run, Towards::Undo, count));
+            EditCommand::Rotate { targets, axis, degrees, about, units } => targets.edit(|run| Operation::Rotate {
+                axis: axis.as_vec3().to_array(),
+                degrees,
+                about: about.map(|at| units.position(run, at)),
+            }),
+            EditCommand::Scale { targets, factor, about, units } => {
+                targets.edit(|run| Operation::Scale { factor, about: about.map(|at| units.position(run, at)) })
             }
-            EditCommand::Redo { target, count } => {
-                return target.change(|run| edits::step(run, Towards::Redo, count));
-            }
+            EditCommand::Undo { target, count } => target.change(|run| edits::step(run, Towards::Undo, count)),
+            EditCommand::Redo { target, count } => target.change(|run| edits::step(run, Towards::Redo, count)),
             EditCommand::List(target) => {
                 let (_, device) = target.common.device()?;
-                return target.print(&OpenRun::open(&target.run, &device)?.edits()?);
+                let run = OpenRun::open(&target.run, &device)?;
+                target.print(&run, &run.edits()?)
             }
-            EditCommand::Clear(target) => return target.change(edits::clear),
-        };
-        targets.target.change(|run| edits::push(run, Edit { segments: targets.segments, operation }))
+            EditCommand::Clear(target) => target.change(edits::clear),
+        }
+    }
+}
+
+impl Targets {
+    /// Adds an edit of these segments.
+    fn edit(self, operation: impl FnOnce(&OpenRun) -> Operation) -> Result<(), CliError> {
+        let Self { segments, target } = self;
+        target.change(|run| {
+            let edit = Edit { segments, operation: operation(run) };
+            let (stack, note) = edits::push(run, edit)?;
+            note.iter().for_each(|note| errln!("note: {note}"));
+            Ok(stack)
+        })
     }
 }
 
@@ -175,14 +227,14 @@ impl Target {
     fn change(&self, change: impl FnOnce(&OpenRun) -> Result<EditStack, RunError>) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
         let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
-        self.print(&change(&run)?)
+        self.print(&run, &change(&run)?)
     }
 
-    fn print(&self, stack: &EditStack) -> Result<(), CliError> {
+    fn print(&self, run: &OpenRun, stack: &EditStack) -> Result<(), CliError> {
         if self.common.json {
             return print_json(stack);
         }
-        let lines = stack.list();
+        let lines = stack.list(run.calibration());
         if lines.is_empty() {
             outln!("no edits");
         }

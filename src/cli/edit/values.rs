@@ -9,21 +9,12 @@ pub(super) fn colour(text: &str) -> Result<[f32; 3], String> {
     })
 }
 
-/// Parses three finite numbers separated by commas.
-pub(super) fn point(text: &str) -> Result<[f32; 3], String> {
-    super::super::values::point(text).map(|p| p.as_vec3().to_array())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn points_and_colours() {
-        assert_eq!(point("-1, 0.5,2e-1"), Ok([-1.0, 0.5, 0.2]));
-        for bad in ["", "1,2", "1,2,3,4", "1,,3", "a,b,c", "nan,0,0", "0,inf,0", "1e99,0,0"] {
-            assert!(point(bad).is_err(), "{bad}");
-        }
+    fn colours() {
         assert_eq!(colour("#ff0080"), Ok([1.0, 0.0, 128.0 / 255.0]));
         assert!(colour("orange").unwrap_err().contains("'#ff8800'"));
     }

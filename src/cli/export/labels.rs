@@ -27,9 +27,6 @@ pub(super) struct LabelArgs {
     /// Volume file whose voxels to label, at their places: number, spacing, origin and directions.
     #[arg(long, value_name = "VOLUME")]
     like: Option<PathBuf>,
-    /// The run's dataset, if it has moved.
-    #[arg(long, value_name = "DATASET")]
-    data: Option<PathBuf>,
     /// Density of Gaussians above which a voxel belongs to a segment; lower values enlarge segments, higher ones shrink
     /// them [default: 0.1].
     #[arg(long, value_name = "DENSITY", value_parser = not_negative_f32, allow_negative_numbers = true)]
@@ -59,7 +56,7 @@ enum SpaceName {
 impl LabelArgs {
     fn plan(&self, segments: Vec<String>) -> LabelPlan {
         let Self { dims, threshold, edited, .. } = *self;
-        LabelPlan { segments, dims, like: self.like.clone(), data: self.data.clone(), threshold, edited }
+        LabelPlan { segments, dims, like: self.like.clone(), threshold, edited }
     }
 
     /// The meaning of the axes of space that the file states, if chosen.
@@ -76,7 +73,6 @@ impl LabelArgs {
         let all = [
             ("--dims", self.dims.is_some()),
             ("--like", self.like.is_some()),
-            ("--data", self.data.is_some()),
             ("--threshold", self.threshold.is_some()),
             ("--edited", self.edited),
             ("--space", self.space.is_some()),
@@ -141,7 +137,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Resu
         return Err(CliError::input("--space: only NRRD files store it; omit it, or write .nrrd"));
     }
     let labels = Labels::new(run, &options.plan(args.shown.segments.clone()))?;
-    let times = args.times()?;
+    let times = args.times(run)?;
     let truth = match options.truth.as_slice() {
         [] => None,
         inputs => Some(Truth::open(inputs, &labels.grid, &labels.data, &times)?),

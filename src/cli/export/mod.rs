@@ -3,13 +3,15 @@
 mod labels;
 mod splats;
 
+use super::data::DataArgs;
 use super::shown::ShownArgs;
-use super::values::{count, fraction};
+use super::time::TimeArg;
+use super::values::count;
 use super::{CliError, Common, command_line};
 use crate::files::Work;
 use crate::memory::{Budget, product};
 use crate::run::OpenRun;
-use crate::run::export::{LabelFormat, SplatFormat};
+use crate::run::export::{LabelFormat, SplatFormat, Units};
 use clap::{Args, ValueEnum};
 use labels::LabelArgs;
 use std::path::{Path, PathBuf};
@@ -20,7 +22,7 @@ const FILE_BYTES: usize = 512;
 /// Write a run's Gaussians or the labels of its segments as standard files.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs export checkpoints/first --time 0.5 --out scene.ply\n  volseggs export checkpoints/first --time 0.5 --out scene.spz\n  volseggs export checkpoints/first --time 0.5 --refit 0 --out as-trained.ply\n  volseggs export checkpoints/first --frames 30 --out plys/\n  volseggs export checkpoints/first --segment red --no-edits --out red.ply\n  volseggs export checkpoints/first --time 0.5 --out labels.seg.nrrd\n  volseggs export checkpoints/first --time 0.5 --segment red.1 --segment red.2 --like volume.vti --out labels.vti\n  volseggs export checkpoints/first --format nrrd --time 0.5 --truth labels_050.nrrd\n\nThe format follows from the ending of --out: .ply, .spz, .nrrd, .seg.nrrd (which 3D Slicer opens as a segmentation) or .vti.\nThe PLY follows 3DGS and opens in its viewers (SuperSplat, antimatter15, gsplat); the SPZ is about a fifth of its size, with one byte for most numbers. Both include the edits of the run; hidden Gaussians are omitted. Where viewers would draw a scene differently, its opacities, sizes and colours are refitted to them (20 seconds a file for 200,000 Gaussians at 800x800 on two cores); positions and rotations stay.\nLabels are on the voxels of the volume that the dataset was prepared from: label 1 is the first segment named, 0 is none. They describe the scene as trained, so that they match the data, or with --edited the scene with the edits of the run. The file records which.\nWithout --segment, all segments without parts are labelled, and a Gaussian counts for a group only if no part contains it; with --segment, it counts for the last one named that contains it.\nA file or folder written by volseggs is replaced; anything else is refused."
+    after_help = "Examples:\n  volseggs export checkpoints/first --time 0.5 --out scene.ply\n  volseggs export checkpoints/first --time 0.5 --out scene.spz\n  volseggs export checkpoints/first --time 0.5 --refit 0 --out as-trained.ply\n  volseggs export checkpoints/first --time data:150 --units physical --out at-150-s.ply\n  volseggs export checkpoints/first --frames 30 --out plys/\n  volseggs export checkpoints/first --segment red --no-edits --out red.ply\n  volseggs export checkpoints/first --time 0.5 --out labels.seg.nrrd\n  volseggs export checkpoints/first --time 0.5 --segment red.1 --segment red.2 --like volume.vti --out labels.vti\n  volseggs export checkpoints/first --format nrrd --time 0.5 --truth labels_050.nrrd\n\nThe format follows from the ending of --out: .ply, .spz, .nrrd, .seg.nrrd (which 3D Slicer opens as a segmentation) or .vti.\nThe PLY follows 3DGS and opens in its viewers (SuperSplat, antimatter15, gsplat); the SPZ is about a fifth of its size, with one byte for most numbers. Both include the edits of the run; hidden Gaussians are omitted. Where viewers would draw a scene differently, its opacities, sizes and colours are refitted to them (20 seconds a file for 200,000 Gaussians at 800x800 on two cores); positions and rotations stay.\nLabels are on the voxels of the volume that the dataset was prepared from: label 1 is the first segment named, 0 is none. They describe the scene as trained, so that they match the data, or with --edited the scene with the edits of the run. The file records which.\nWithout --segment, all segments without parts are labelled, and a Gaussian counts for a group only if no part contains it; with --segment, it counts for the last one named that contains it.\nA file or folder written by volseggs is replaced; anything else is refused."
 )]
 pub struct ExportArgs {
     /// Folder of the run.
@@ -28,9 +30,9 @@ pub struct ExportArgs {
     /// Format, if --out does not determine it; ply for a folder.
     #[arg(long, value_enum)]
     format: Option<Format>,
-    /// Time in [0, 1].
-    #[arg(long, value_name = "T", default_value_t = 0.0, value_parser = fraction, allow_negative_numbers = true, conflicts_with = "frames")]
-    time: f64,
+    /// Time in [0, 1], or a time of the data, such as data:150.
+    #[arg(long, value_name = "T", default_value_t = TimeArg::Scene(0.0), allow_negative_numbers = true, conflicts_with = "frames")]
+    time: TimeArg,
     /// Write this many times, evenly spaced from 0 to 1, into the folder OUT.
     #[arg(long, value_name = "N", value_parser = count)]
     frames: Option<usize>,
@@ -39,11 +41,21 @@ pub struct ExportArgs {
     /// differently].
     #[arg(long, value_name = "STEPS", value_parser = clap::value_parser!(u32).range(0..=100_000), allow_negative_numbers = true)]
     refit: Option<u32>,
+    /// For .ply and .spz: coordinates of the Gaussians. Those of the scene are centred and scaled; the file says how to
+    /// convert them (comments in .ply, the comment of the gzip stream in .spz, export.json in a folder).
+    #[arg(long, value_enum)]
+    units: Option<UnitsArg>,
+    /// For .ply: degree of the spherical harmonics, at least that of the scene's colours; higher coefficients are 0. The
+    /// loader of 3DGS opens files of degree 3 only; other viewers also open smaller ones [default: 3].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=3))]
+    sh_degree: Option<u8>,
     /// File, or folder with --frames; labels go to RUN/labels if not given.
     #[arg(long, value_name = "OUT")]
     out: Option<PathBuf>,
     #[command(flatten)]
     shown: ShownArgs,
+    #[command(flatten)]
+    data: DataArgs,
     #[command(flatten)]
     common: Common,
     #[command(flatten)]
@@ -60,6 +72,14 @@ enum Format {
     Nrrd,
     /// Labels of segments on voxels, for VTK and ParaView.
     Vti,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum UnitsArg {
+    /// Those of the scene (the default).
+    Scene,
+    /// Those of the data, in their unit of length.
+    Physical,
 }
 
 impl Format {
@@ -92,15 +112,45 @@ impl ExportArgs {
             }
             _ => OpenRun::open(&self.run, &device),
         }?;
+        let run = self.data.of(run)?;
         let format = self.format()?;
-        if self.refit.is_some() && matches!(format, Format::Nrrd | Format::Vti) {
-            return Err(CliError::input("--refit: only for Gaussians; end the name of --out in .ply or .spz"));
-        }
+        self.check(format)?;
         match format {
             Format::Ply => splats::run(&self, &run, SplatFormat::Ply),
             Format::Spz => splats::run(&self, &run, SplatFormat::Spz),
             Format::Nrrd => labels::run(&self, &run, LabelFormat::Nrrd(self.labels.space())),
             Format::Vti => labels::run(&self, &run, LabelFormat::Vti),
+        }
+    }
+
+    /// Rejects options that are not for this format.
+    fn check(&self, format: Format) -> Result<(), CliError> {
+        let splats = matches!(format, Format::Ply | Format::Spz);
+        for (flag, given) in [("--refit", self.refit.is_some()), ("--units", self.units.is_some())] {
+            if given && !splats {
+                return Err(CliError::input(format!(
+                    "{flag}: only for Gaussians; end the name of --out in .ply or .spz"
+                )));
+            }
+        }
+        if self.sh_degree.is_some() && format != Format::Ply {
+            return Err(CliError::input(
+                "--sh-degree: only for .ply; .spz files hold the degree of the scene's colours",
+            ));
+        }
+        Ok(())
+    }
+
+    /// The coordinates of Gaussians.
+    fn units(&self, run: &OpenRun) -> Result<Units, CliError> {
+        match self.units {
+            Some(UnitsArg::Physical) if run.calibration().space.is_none() => Err(CliError::input(format!(
+                "--units physical: {} does not know the physical space of its data, which `volseggs prepare` records; write \
+                 scene coordinates",
+                run.path.display()
+            ))),
+            Some(UnitsArg::Physical) => Ok(Units::Physical),
+            Some(UnitsArg::Scene) | None => Ok(Units::Scene),
         }
     }
 
@@ -120,8 +170,8 @@ impl ExportArgs {
     }
 
     /// The times to write.
-    fn times(&self) -> Result<Vec<f64>, CliError> {
-        let Some(n) = self.frames else { return Ok(vec![self.time]) };
+    fn times(&self, run: &OpenRun) -> Result<Vec<f64>, CliError> {
+        let Some(n) = self.frames else { return Ok(vec![self.time.of("--time", run.calibration())?]) };
         Budget::now().check(format!("--frames {n}"), product(&[n, FILE_BYTES])).map_err(CliError::input)?;
         Ok((0..n).map(|i| i as f64 / (n - 1).max(1) as f64).collect())
     }

@@ -2,10 +2,13 @@
 
 use super::super::{CliError, print_json, stop_flag};
 use super::ExportArgs;
+use crate::data::Calibration;
+use crate::data::calibration::PhysicalSpace;
+use crate::export::ply::MAX_SH_DEGREE;
 use crate::log::progress;
 use crate::model::Rendering;
 use crate::run::OpenRun;
-use crate::run::export::{MEASURED, Output, Record, Refit, RefitPlan, SplatFormat, write_splats};
+use crate::run::export::{MEASURED, Output, Record, Refit, RefitPlan, SplatFormat, SplatPlan, Units, write_splats};
 use std::sync::atomic::Ordering;
 use volseggs_kernels::splat::DILATION;
 
@@ -18,7 +21,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Resu
         return Err(CliError::input("--out: give the file to write, such as --out scene.ply"));
     };
     let shown = args.shown.select(run)?;
-    let times = args.times()?;
+    let times = args.times(run)?;
     let needed = [run.path.as_path()];
     let extension = format.extension();
     let output = if args.frames.is_some() {
@@ -26,14 +29,16 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Resu
     } else {
         Output::file(out, extension, &needed)
     }?;
-    let plan = RefitPlan::new(run, args.refit.map(|steps| steps as usize));
-    let refit_steps = plan.as_ref().map_or(0, |plan| plan.steps);
-    if let Some(note) = plan.as_ref().and_then(|plan| plan.around.note.as_ref()) {
-        errln!("note: {note}");
-    }
+    let plan = SplatPlan {
+        format,
+        units: args.units(run)?,
+        sh_degree: args.sh_degree.map_or(MAX_SH_DEGREE, usize::from),
+        refit: RefitPlan::new(run, args.refit.map(|steps| steps as usize))?,
+    };
+    let refit_steps = plan.refit_steps();
     let stop = stop_flag("stopping after this step; nothing is written")?;
     let bar = progress::bar(times.len() * (refit_steps + 1), if refit_steps > 0 { "steps" } else { "files" });
-    let written = write_splats(run, &shown, &times, &output, format, plan.as_ref(), || {
+    let written = write_splats(run, &shown, &times, &output, &plan, || {
         bar.inc(1);
         !stop.load(Ordering::Relaxed)
     })?;
@@ -41,9 +46,23 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Resu
     let Some(written) = written else { return Err(CliError::failure("interrupted; nothing is written")) };
     let files: Vec<String> = (0..times.len()).map(|i| output.place(i).1.display().to_string()).collect();
     let edited = !args.shown.no_edits && !run.edits()?.operations.is_empty();
-    let record = Record { refit_steps, ..Record::new(run, extension, &times, edited, &args.shown.segments) };
+    let coordinates = Some(plan.units);
+    let record =
+        Record { refit_steps, coordinates, ..Record::new(run, extension, &times, edited, &args.shown.segments) };
     output.finish(&record, &needed)?;
-    errln!("{} file(s), {} Gaussians each: {}", files.len(), written.gaussians, out.display());
+    let (known, gaussians) = (run.calibration(), written.gaussians);
+    let at = match times[..] {
+        [time] => format!("at time {}", time_in_words(known, time)),
+        _ => format!("{} files, times {} to {}", files.len(), time_in_words(known, 0.0), time_in_words(known, 1.0)),
+    };
+    let coordinates = match plan.units {
+        Units::Physical => format!("physical coordinates ({})", known.length_unit()),
+        Units::Scene => "scene coordinates".to_owned(),
+    };
+    errln!("{gaussians} Gaussians {at}, in {coordinates}: {}", out.display());
+    if let (Units::Physical, Some(space)) = (plan.units, &known.space) {
+        note_rounding(space);
+    }
     if written.refits.is_empty() {
         note(run);
     } else {
@@ -57,10 +76,34 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Resu
         );
     }
     if args.common.json {
-        let gaussians = written.gaussians;
-        print_json(&serde_json::json!({ "files": files, "gaussians": gaussians, "refit": written.refits }))?;
+        print_json(&serde_json::json!({
+            "files": files, "gaussians": gaussians, "refit": written.refits, "times": times,
+            "coordinates": plan.units, "calibration": known, "physical_times": record.physical_times,
+        }))?;
     }
     Ok(())
+}
+
+/// A time in [0, 1] and, where it is known, that of the data.
+fn time_in_words(known: &Calibration, time: f64) -> String {
+    match &known.time {
+        Some(known_time) => format!("{time} ({} {})", known_time.time(time), known_time.unit_name()),
+        None => format!("{time}"),
+    }
+}
+
+/// Tells if positions lose digits that the scene has, as files hold them in single precision.
+fn note_rounding(space: &PhysicalSpace) {
+    let farthest = space.centre.iter().fold(space.scale, |most, v| most.max(v.abs()));
+    // half the distance to the next number, at worst
+    let rounding = farthest * f64::from(f32::EPSILON);
+    if rounding > 1e-4 * space.scale {
+        errln!(
+            "note: positions so far from the origin are rounded to about {rounding:.1e} {}, as files hold them in single \
+             precision; scene coordinates keep all digits",
+            space.unit_name()
+        );
+    }
 }
 
 /// Tells what other viewers show differently.

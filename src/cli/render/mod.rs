@@ -4,12 +4,14 @@ mod look;
 mod views;
 
 use super::camera::ViewArgs;
+use super::data::DataArgs;
 use super::shown::ShownArgs;
-use super::values::{count, fraction, positive};
+use super::time::TimeArg;
+use super::values::{count, positive};
 use super::{CliError, Common, print_json, stop_flag};
 use crate::data::Camera;
 use crate::files::same_file;
-use crate::run::frames::{Draw, Frames, Record, film, is_film};
+use crate::run::frames::{Draw, Frames, Record, check_name, film, is_film};
 use crate::run::look::{Legend, Look};
 use crate::run::{AnyRun, OpenRun, Trained};
 use clap::Args;
@@ -21,7 +23,7 @@ use views::Saved;
 /// Render a run along a path of cameras and times, as PNG files and an animation.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n  volseggs render checkpoints/first --view 12 --out still\n  volseggs render checkpoints/first --view volseggs.png --out still\n  volseggs render checkpoints/first --path path.json --out flight.mp4\n  volseggs render checkpoints/first --path orbit --segment red --show depth --out depth\n  volseggs render checkpoints/shaded --light 1,0,1 --out relit\n  volseggs render checkpoints/first --show velocity --velocity-axis speed --out velocity\n\nWrites OUT/0000.png, ..., OUT/animation.png (of two or more frames; an animated PNG that browsers play) and OUT/frames.json (what they show). The folder appears once it is complete.\nVelocities are differences of trained positions over a hundredth of the series to either side; movements by edits do not count. The velocity scale ends where 1 % of the visible Gaussians exceed it; depth runs from the nearest to the farthest pixel. Both scales are those of the first frame that shows anything, and are printed on standard error."
+    after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n  volseggs render checkpoints/first --path orbit --time data:150 --out orbit\n  volseggs render checkpoints/first --view 12 --out still\n  volseggs render checkpoints/first --view volseggs.png --out still\n  volseggs render checkpoints/first --path path.json --out flight.mp4\n  volseggs render checkpoints/first --path orbit --segment red --show depth --out depth\n  volseggs render checkpoints/shaded --light 1,0,1 --out relit\n  volseggs render checkpoints/first --show velocity --velocity-axis speed --out velocity\n\nWrites OUT/0000.png, ..., OUT/animation.png (of two or more frames; an animated PNG that browsers play) and OUT/frames.json (what they show). The folder appears once it is complete.\nVelocities are differences of trained positions over a hundredth of the series to either side; movements by edits do not count. The velocity scale ends where 1 % of the visible Gaussians exceed it; depth runs from the nearest to the farthest pixel. Both scales are those of the first frame that shows anything, and are printed on standard error."
 )]
 pub struct RenderArgs {
     /// Folder of the run.
@@ -32,14 +34,14 @@ pub struct RenderArgs {
     path: PathBuf,
     #[command(flatten)]
     view: ViewArgs,
-    /// Hold time at this value in [0, 1]; otherwise it runs from 0 to 1 along the path (0.5 for --camera, the view's
+    /// Hold time at this value in [0, 1], or at a time of the data, such as data:150; otherwise it runs from 0 to 1 along the path (0.5 for --camera, the view's
     /// own for --view).
-    #[arg(long, value_name = "T", value_parser = fraction, allow_negative_numbers = true)]
-    time: Option<f64>,
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    time: Option<TimeArg>,
     /// Number of frames of an orbit, 60 if not given; of a path of keyframes, its seconds times --fps if not given.
     #[arg(long, value_name = "N", value_parser = count)]
     frames: Option<usize>,
-    /// Distance of the camera from the centre; that of the training cameras if not given.
+    /// Distance of the camera from the centre, in the dataset's units; that of the training cameras if not given.
     #[arg(long, value_name = "DISTANCE", value_parser = positive, allow_negative_numbers = true)]
     radius: Option<f64>,
     /// Frames per second of the animation.
@@ -51,6 +53,8 @@ pub struct RenderArgs {
     out: PathBuf,
     #[command(flatten)]
     look: LookArgs,
+    #[command(flatten)]
+    data: DataArgs,
     #[command(flatten)]
     shown: ShownArgs,
     #[command(flatten)]
@@ -159,12 +163,14 @@ impl RenderArgs {
             light: None,
             segments: Vec::new(),
             edits: 0,
+            calibration: run.calibration().clone(),
         })
     }
 
     pub(super) fn run(self) -> Result<(), CliError> {
+        check_name(&self.out)?;
         let (_, device) = self.common.device()?;
-        let run = AnyRun::open_any(&self.run, &device)?;
+        let run = self.data.of(AnyRun::open_any(&self.run, &device)?)?;
         let saved = self.saved()?;
         let views = self.views(&run, saved.as_ref())?;
         let record = self.record(&run, &views)?;

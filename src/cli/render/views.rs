@@ -4,7 +4,7 @@ use super::super::CliError;
 use super::super::camera::surroundings;
 use super::RenderArgs;
 use crate::data::paths::{Lens, test_spiral};
-use crate::data::{Camera, Transforms};
+use crate::data::{Camera, Normalisation, Transforms};
 use crate::files::read_text;
 use crate::memory::{Budget, product};
 use crate::run::cameras::{ViewChoice, check_lens};
@@ -51,6 +51,7 @@ impl RenderArgs {
         run: &OpenRun<S>,
         saved: Option<&Saved>,
     ) -> Result<Vec<(Camera, f64)>, CliError> {
+        let held = self.time.map(|time| time.of("--time", run.calibration())).transpose()?;
         let no_radius = |path: &dyn Display| match self.radius {
             Some(_) => {
                 Err(CliError::input(format!("--radius: cannot be combined with {path}, which defines the cameras")))
@@ -59,9 +60,9 @@ impl RenderArgs {
         };
         if let Some(Saved { name, view, path: Some(path) }) = saved {
             no_radius(name)?;
-            return self.along(name, &view.view, path);
+            return self.along(name, &view.view, path, held);
         }
-        let mut around = surroundings(run, self.view.size);
+        let mut around = surroundings(run, self.view.size)?;
         let lens @ Lens { width, height, .. } = around.lens;
         let size = self.view.size.map_or(format!("pictures of {width}x{height}"), |s| format!("--size {s}"));
         check_lens(&size, lens)?;
@@ -74,13 +75,12 @@ impl RenderArgs {
                 }
             }
             let (camera, time) = run.view(&choice, lens)?;
-            return Ok(vec![(camera, self.time.or(time).unwrap_or(0.5))]);
+            return Ok(vec![(camera, held.or(time).unwrap_or(0.5))]);
         }
         if let Some(radius) = self.radius {
-            run.check_radius(radius)?;
-            around.sphere.radius = radius;
+            around.sphere.radius = run.radius(radius)?;
         }
-        let hold = |views: Vec<(Camera, f64)>| match self.time {
+        let hold = |views: Vec<(Camera, f64)>| match held {
             Some(t) => views.into_iter().map(|(c, _)| (c, t)).collect(),
             None => views,
         };
@@ -99,19 +99,26 @@ impl RenderArgs {
             }
             _ => {
                 no_radius(&format_args!("--path {}", self.path.display()))?;
-                Ok(hold(from_file(&self.path, lens)?))
+                Ok(hold(from_file(&self.path, lens, &run.record.normalisation)?))
             }
         }
     }
 
-    /// The views along a path of keyframes: as many frames as its duration gives, unless a number is given.
-    fn along(&self, name: &str, shown: &View, path: &CameraPath) -> Result<Vec<(Camera, f64)>, CliError> {
+    /// The views along a path of keyframes: as many frames as its duration gives, unless a number is given; all at the
+    /// time `held`, if there is one.
+    fn along(
+        &self,
+        name: &str,
+        shown: &View,
+        path: &CameraPath,
+        held: Option<f64>,
+    ) -> Result<Vec<(Camera, f64)>, CliError> {
         let [width, height] = shown.size;
         check_lens(name, Lens { fov_x: shown.fov, width, height })?;
         let n = self.frames.unwrap_or((path.seconds() * f64::from(self.fps)).round() as usize + 1);
         let bytes = product(&[n, size_of::<(Camera, f64)>()]);
         Budget::now().check(format!("--frames {n}"), bytes).map_err(CliError::input)?;
-        Ok(path.frames(n).map(|key| (key.view(shown).camera(1.0), self.time.unwrap_or(key.time))).collect())
+        Ok(path.frames(n).map(|key| (key.view(shown).camera(1.0), held.unwrap_or(key.time))).collect())
     }
 }
 
@@ -126,14 +133,14 @@ pub(super) struct Saved {
 }
 
 /// The cameras and times of a `transforms_*.json`.
-fn from_file(path: &Path, lens: Lens) -> Result<Vec<(Camera, f64)>, CliError> {
+fn from_file(path: &Path, lens: Lens, normalisation: &Normalisation) -> Result<Vec<(Camera, f64)>, CliError> {
     if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("json")) {
         return Err(CliError::input(format!(
             "--path {}: not a camera path; give test, orbit, or the name of a transforms_*.json file",
             path.display()
         )));
     }
-    let json = Transforms::read(path)?;
+    let json = Transforms::read(path)?.normalised(normalisation);
     let view = |f: &crate::data::transforms::FrameRecord| {
         (json.intrinsics.camera(lens.width, lens.height, f.camera_to_world), f.time)
     };

@@ -1,7 +1,9 @@
 //! `volseggs segment coarse`
 
 use super::super::camera::surroundings;
-use super::super::values::{count, fraction, fraction_f32, positive_f32};
+use super::super::data::DataArgs;
+use super::super::time::TimeArg;
+use super::super::values::{count, fraction_f32, positive_f32};
 use super::super::{CliError, Common, command_line, print_json};
 use crate::files::Work;
 use crate::points::outliers::OutlierConfig;
@@ -21,9 +23,9 @@ use std::path::PathBuf;
 pub struct CoarseArgs {
     /// Folder of the run.
     run: PathBuf,
-    /// Time in [0, 1] at which colours are grouped and outliers are found.
-    #[arg(long, default_value_t = 0.5, value_parser = fraction)]
-    time: f64,
+    /// Time at which colours are grouped and outliers are found: in [0, 1], or a time of the data, such as data:150.
+    #[arg(long, value_name = "T", default_value_t = TimeArg::Scene(0.5), allow_negative_numbers = true)]
+    time: TimeArg,
     /// Number of colours; suggested from the data if not given.
     #[arg(long, value_name = "K", value_parser = count)]
     clusters: Option<usize>,
@@ -40,7 +42,7 @@ pub struct CoarseArgs {
     /// Keep Gaussians without neighbours.
     #[arg(long)]
     keep_outliers: bool,
-    /// Radius in which neighbours are counted, world units; derived from the scene's spacing if not given.
+    /// Radius in which neighbours are counted, scene units; derived from the scene's spacing if not given.
     #[arg(long, value_name = "R", value_parser = positive_f32, conflicts_with = "keep_outliers")]
     radius: Option<f32>,
     /// Minimum number of neighbours of a Gaussian.
@@ -52,6 +54,8 @@ pub struct CoarseArgs {
     /// Replace all existing segments.
     #[arg(long)]
     replace: bool,
+    #[command(flatten)]
+    data: DataArgs,
     #[command(flatten)]
     common: Common,
 }
@@ -89,7 +93,9 @@ impl CoarseArgs {
             ));
         }
         let (_, device) = self.common.device()?;
-        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
+        let run = self.data.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?)?;
+        let around = surroundings(&run, None)?;
+        let time = self.time.of("--time", run.calibration())?;
         let n = run.scene.gaussians.count();
         let mut segments = if self.replace {
             let (segments, unusable) = RunSegments::replacing(&run);
@@ -121,15 +127,15 @@ impl CoarseArgs {
             outliers: (!self.keep_outliers).then_some(outliers),
             seed: self.seed,
         };
-        let at = run.scene.host_at(self.time as f32);
-        let found = segments.coarse(&run, &at, self.time, &options)?;
+        let at = run.scene.host_at(time as f32);
+        let found = segments.coarse(&run, &at, time, &options)?;
         if found.palette.is_empty() {
             return Err(CliError::input(format!("no segments found: of {n} Gaussians, {}", self.left_out(&found))));
         }
         segments.save()?;
         let all = segments.now();
         let path = run.paths().segment_sheet("coarse");
-        write_picture(&path, &sheet(&run, &surroundings(&run, None), &at, &all.segments, &device))?;
+        write_picture(&path, &sheet(&run, &around, &at, &all.segments, &device))?;
         let (outliers, transparent, not_finite) = (found.outliers, found.transparent, found.not_finite);
         let in_segments = n - outliers - transparent - not_finite;
         if self.common.json {

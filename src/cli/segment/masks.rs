@@ -1,7 +1,9 @@
 //! `volseggs segment masks`
 
 use super::super::camera::surroundings;
-use super::super::values::{count, fraction, pixels};
+use super::super::data::DataArgs;
+use super::super::time::TimeArg;
+use super::super::values::{count, pixels};
 use super::super::{CliError, Common, command_line, print_json, stop_flag};
 use crate::durations::rough_duration;
 use crate::files::Work;
@@ -39,12 +41,9 @@ pub struct MasksArgs {
     /// Width in pixels; the height follows from the aspect ratio of the training images. If not given, these set both.
     #[arg(long, value_parser = pixels)]
     size: Option<u32>,
-    /// Time in [0, 1]; the time at which the segments were found if not given.
-    #[arg(long, value_parser = fraction)]
-    time: Option<f64>,
-    /// For labels: the dataset that the run was trained on, if it has moved since.
-    #[arg(long, value_name = "DATASET")]
-    data: Option<PathBuf>,
+    /// Time in [0, 1], or a time of the data, such as data:150; the time at which the segments were found if not given.
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    time: Option<TimeArg>,
     /// For dir: the folder of masks, or the COCO file.
     #[arg(long, value_name = "PATH")]
     masks: Option<PathBuf>,
@@ -60,6 +59,8 @@ pub struct MasksArgs {
     /// Replace the existing masks.
     #[arg(long)]
     replace: bool,
+    #[command(flatten)]
+    data: DataArgs,
     #[command(flatten)]
     common: Common,
 }
@@ -81,7 +82,7 @@ impl MasksArgs {
         self.check()?;
         let kind = self.kind()?;
         let (_, device) = self.common.device()?;
-        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long)?;
+        let run = self.data.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long)?)?;
         let path = run.paths().masks();
         if path.exists() && !self.pictures && !self.replace {
             return Err(CliError::input(format!(
@@ -93,10 +94,9 @@ impl MasksArgs {
             segments: &self.segments,
             kind: &kind,
             views: self.views,
-            time: self.time,
-            data: self.data.as_deref(),
+            time: self.time.map(|time| time.of("--time", run.calibration())).transpose()?,
         };
-        let around = surroundings(&run, self.size);
+        let around = surroundings(&run, self.size)?;
         if let Some(size) = self.size {
             check_lens(&format!("--size {size}"), around.lens)?;
         }
@@ -157,7 +157,6 @@ impl MasksArgs {
         let source = self.source;
         let name = source.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default();
         for (given, option, of) in [
-            (self.data.is_some(), "--data", Kind::Labels),
             (self.masks.is_some(), "--masks", Kind::Dir),
             (self.sam_weights.is_some(), "--sam-weights", Kind::Sam),
             (self.points.is_some(), "--points", Kind::Sam),

@@ -1,7 +1,9 @@
 //! `volseggs segment pick`
 
 use super::super::camera::{ViewArgs, surroundings};
-use super::super::values::{cosine_f32, count, fraction, fraction_f32};
+use super::super::data::DataArgs;
+use super::super::time::TimeArg;
+use super::super::values::{cosine_f32, count, fraction_f32};
 use super::super::{CliError, Common, command_line, print_json};
 use crate::data::Camera;
 use crate::files::Work;
@@ -30,9 +32,9 @@ pub struct PickArgs {
     /// Column and row of the clicked pixel.
     #[arg(long, value_name = "X,Y", value_delimiter = ',', num_args = 1, required = true)]
     pixel: Vec<u32>,
-    /// Time in [0, 1]; if not given, that of the test view, or else the one at which the segments were found.
-    #[arg(long, value_parser = fraction)]
-    time: Option<f64>,
+    /// Time in [0, 1], or a time of the data, such as data:150; if not given, that of the test view, or else the one at which the segments were found.
+    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    time: Option<TimeArg>,
     /// Make a segment with this name.
     #[arg(long)]
     name: Option<Name>,
@@ -57,6 +59,8 @@ pub struct PickArgs {
     #[arg(long)]
     keep_strays: bool,
     #[command(flatten)]
+    data: DataArgs,
+    #[command(flatten)]
     common: Common,
 }
 
@@ -66,8 +70,12 @@ struct Report {
     gaussian: u32,
     /// Its fraction of the pixel's colour.
     weight: f32,
-    /// Its position, world units.
+    /// Its position, scene units.
     mean: [f32; 3],
+    /// Its position in the coordinates of the data, or in scene units if these are unknown.
+    position: [f64; 3],
+    /// Their unit of length; `normalised` if they are unknown.
+    unit: String,
     /// Segments that contain it, wholes before their parts.
     segments: Vec<String>,
     /// The segment made, with its number of Gaussians.
@@ -171,11 +179,13 @@ impl PickArgs {
             Some(_) => OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?,
             None => OpenRun::open(&self.run, &device)?,
         };
+        let run = self.data.of(run)?;
         let mut segments = RunSegments::open(&run)?;
         let (camera, view_time) = self.seen_from(&run)?;
         let all = segments.now().clone();
         let found_at = all.segments.first().map(|s| s.time);
-        let time = self.time.or(view_time).or(found_at).unwrap_or(0.5);
+        let given = self.time.map(|time| time.of("--time", run.calibration())).transpose()?;
+        let time = given.or(view_time).or(found_at).unwrap_or(0.5);
         let wants = self.name.is_some() || self.levels;
         let field = if wants { Some(affinity::open(&run, &device)?) } else { None };
 
@@ -215,12 +225,26 @@ impl PickArgs {
         let level = picked.as_ref().and_then(|p| p.level).map(|n| n + 1);
         let from_other_times = made.as_ref().map_or(0, |(_, made)| made.from_other_times);
         let made = made.map(|(name, made)| (name, made.gaussians));
-        let report =
-            Report { gaussian, weight, mean, segments, made, from_other_times, levels, level, seconds, carry_seconds };
+        let known = run.calibration();
+        let (position, unit) = (known.position(mean.map(f64::from)), known.length_unit().to_owned());
+        let report = Report {
+            gaussian,
+            weight,
+            mean,
+            position,
+            unit,
+            segments,
+            made,
+            from_other_times,
+            levels,
+            level,
+            seconds,
+            carry_seconds,
+        };
         if self.common.json {
             return print_json(&report);
         }
-        outln!("Gaussian {gaussian}, {:.0} % of the pixel, at {mean:.3?}", 100.0 * weight);
+        outln!("Gaussian {gaussian}, {:.0} % of the pixel, at {position:.3?} ({})", 100.0 * weight, report.unit);
         let list = if report.segments.is_empty() { "none".into() } else { report.segments.join(", ") };
         outln!("in segments: {list}");
         if self.levels {
@@ -244,7 +268,7 @@ impl PickArgs {
 
     /// The camera, and the time of a test view.
     fn seen_from(&self, run: &OpenRun) -> Result<(Camera, Option<f64>), CliError> {
-        let around = surroundings(run, self.view.size);
+        let around = surroundings(run, self.view.size)?;
         check_lens(&format!("--size {}", around.lens.width), around.lens)?;
         let Some(choice) = self.view.choice()? else {
             return Err(CliError::input("--camera: give three numbers, such as --camera 3,-2,1.5; or --view N|FILE"));

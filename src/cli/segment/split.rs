@@ -1,6 +1,7 @@
 //! `volseggs segment split`
 
 use super::super::camera::surroundings;
+use super::super::data::DataArgs;
 use super::super::values::{count, fraction_f32};
 use super::super::{CliError, Common, command_line, print_json};
 use crate::files::Work;
@@ -37,13 +38,16 @@ pub struct SplitArgs {
     #[arg(long)]
     replace: bool,
     #[command(flatten)]
+    data: DataArgs,
+    #[command(flatten)]
     common: Common,
 }
 
 impl SplitArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
+        let run = self.data.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?)?;
+        let around = surroundings(&run, None)?;
         let mut segments = RunSegments::open(&run)?;
         let options = SplitOptions {
             scale: self.scale,
@@ -56,7 +60,7 @@ impl SplitArgs {
         let parts = parts.ok_or_else(|| CliError::failure("stopped; nothing was written"))?;
         segments.save()?;
         let path = run.paths().segment_sheet(&self.segment);
-        write_picture(&path, &sheet(&run, &surroundings(&run, None), &parts, &device))?;
+        write_picture(&path, &sheet(&run, &around, &parts, &device))?;
         let found: Vec<&Segment> = segments.now().segments.iter().filter(|s| parts.names.contains(&s.name)).collect();
         if self.common.json {
             return print_json(&found);

@@ -2,6 +2,7 @@
 
 use super::super::{EditError, EditStack, Operation, VERSION};
 use super::edit;
+use crate::data::Calibration;
 use proptest::prelude::*;
 
 fn load(text: &[u8]) -> Result<EditStack, EditError> {
@@ -97,7 +98,7 @@ fn lists_are_readable() {
     stack.undo();
     stack.undo();
     assert_eq!(
-        stack.list(),
+        stack.list(&Calibration::default()),
         [
             "1. recolour jet to #ff8000, keeping the shading",
             "2. multiply the opacity of jet by 0.5",

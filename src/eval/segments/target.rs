@@ -111,6 +111,7 @@ fn followed(truth: &Truth, ids: &[u16], clicked: f64) -> Option<Vec<TruthFrame>>
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::Normalisation;
     use crate::data::lineage::{Change, Turn};
     use crate::data::truth::{SegmentEntry, SegmentFile, SegmentFrame};
 
@@ -137,7 +138,7 @@ mod tests {
             volumes: Vec::new(),
             lineage: Vec::new(),
         };
-        Truth { root: "/data".into(), file }
+        Truth { root: "/data".into(), file, normalisation: Normalisation::NONE }
     }
 
     #[test]

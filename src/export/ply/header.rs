@@ -8,8 +8,9 @@ use crate::files::MARK;
 /// Maximum length of a header; a file without `end_header` must not fill the memory.
 const MAX_HEADER: u64 = 1 << 16;
 
-/// Returns the header for `count` Gaussians with `k` coefficients per channel; its comment identifies the program.
-pub(super) fn text(count: usize, k: usize) -> String {
+/// Returns the header for `count` Gaussians with `k` coefficients per channel; its first comment identifies the program,
+/// then follow `comments`.
+pub(super) fn text(count: usize, k: usize, comments: &[String]) -> String {
     let fixed = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>();
     let mut names = fixed(&["x", "y", "z", "nx", "ny", "nz"]);
     names.extend(numbered("f_dc_", 3));
@@ -17,7 +18,11 @@ pub(super) fn text(count: usize, k: usize) -> String {
     names.push("opacity".to_owned());
     names.extend(numbered("scale_", 3));
     names.extend(numbered("rot_", 4));
-    let mut text = format!("ply\nformat binary_little_endian 1.0\ncomment {MARK}\nelement vertex {count}\n");
+    let mut text = format!("ply\nformat binary_little_endian 1.0\ncomment {MARK}\n");
+    for comment in comments {
+        text += &format!("comment {comment}\n");
+    }
+    text += &format!("element vertex {count}\n");
     for name in names {
         text += &format!("property float {name}\n");
     }

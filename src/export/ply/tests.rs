@@ -1,6 +1,12 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::data::Camera;
+use crate::device::DeviceName;
+use crate::model::Rendering;
+use crate::model::params::to_vec;
+use glam::DVec3;
+use volseggs_kernels::splat::splat;
 
 fn sample(n: usize, sh_degree: usize) -> HostGaussians {
     let k = (sh_degree + 1) * (sh_degree + 1);
@@ -17,10 +23,15 @@ fn sample(n: usize, sh_degree: usize) -> HostGaussians {
     }
 }
 
+/// The file without added coefficients.
 fn bytes(gaussians: &HostGaussians) -> Vec<u8> {
     let mut out = Vec::new();
-    write_to(gaussians, &mut out).unwrap();
+    write_to(gaussians, &options(gaussians), &mut out).unwrap();
     out
+}
+
+fn options(gaussians: &HostGaussians) -> PlyOptions {
+    PlyOptions { sh_degree: gaussians.sh_degree(), ..PlyOptions::default() }
 }
 
 fn read(mut bytes: &[u8]) -> Result<HostGaussians, String> {
@@ -61,14 +72,51 @@ fn a_file_round_trips_at_every_degree() {
     for degree in 0..=3 {
         for n in [0, 5] {
             let gaussians = sample(n, degree);
-            write(&gaussians, &path).unwrap();
+            write(&gaussians, &path, &options(&gaussians)).unwrap();
             assert_eq!(super::read(&path).unwrap(), gaussians);
         }
     }
     assert!(super::read(&dir.path().join("none.ply")).is_err());
     std::fs::write(&path, "a thesis").unwrap();
-    assert!(matches!(write(&sample(1, 0), &path), Err(SplatFileError::Replace(_))));
+    assert!(matches!(write(&sample(1, 0), &path, &PlyOptions::default()), Err(SplatFileError::Replace(_))));
     assert_eq!(std::fs::read(&path).unwrap(), b"a thesis");
+}
+
+#[test]
+fn by_default_a_file_has_the_degree_that_the_reference_loader_accepts_and_looks_the_same() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.ply");
+    let camera = Camera::look_at(DVec3::new(0.3, -5.0, 0.4), DVec3::ZERO, DVec3::Z, 1.2, 24, 20).to_kernel();
+    let device = DeviceName::all()[0].open().unwrap();
+    let image = |gaussians: &HostGaussians| {
+        let sh_degree = gaussians.sh_degree();
+        let rendering = Rendering { background: [0.1; 3], sh_degree, dilation: 0.3, path_opacity: 0.0 };
+        to_vec(splat(gaussians.to_splat(&device), rendering.seen_by(camera)).image)
+    };
+    for degree in 0..=3 {
+        let mut gaussians = sample(12, degree).with_unit_rotations();
+        for (i, v) in gaussians.means.iter_mut().chain(&mut gaussians.sh).enumerate() {
+            *v = 0.7 * (1.9 * i as f32).sin();
+        }
+        let options = PlyOptions { comments: vec!["scale 2".into()], ..PlyOptions::default() };
+        write(&gaussians, &path, &options).unwrap();
+        let text = String::from_utf8_lossy(&std::fs::read(&path).unwrap()).into_owned();
+        assert_eq!(text.matches("property float f_rest_").count(), 45);
+        assert!(text.contains("comment volseggs\ncomment scale 2\nelement"), "{text}");
+        let read = super::read(&path).unwrap();
+        // the coefficients of each channel stay in their places
+        let k = gaussians.sh_stride;
+        for (padded, sh) in read.sh.chunks_exact(48).zip(gaussians.sh.chunks_exact(3 * k)) {
+            assert_eq!(&padded[..3 * k], sh);
+            assert!(padded[3 * k..].iter().all(|v| *v == 0.0));
+        }
+        assert_eq!(image(&read), image(&gaussians));
+        for too_low in 0..degree {
+            let options = PlyOptions { sh_degree: too_low, ..PlyOptions::default() };
+            let error = write(&gaussians, &path, &options).unwrap_err().to_string();
+            assert!(error.contains(&format!("from {degree} to 3")), "{error}");
+        }
+    }
 }
 
 #[test]
@@ -121,11 +169,11 @@ fn fields_of_different_lengths_are_not_written() {
     let path = dir.path().join("a.ply");
     let mut gaussians = sample(2, 1);
     gaussians.sh.pop();
-    let error = write(&gaussians, &path).unwrap_err().to_string();
+    let error = write(&gaussians, &path, &PlyOptions::default()).unwrap_err().to_string();
     assert!(error.contains("sh holds 23 entries"), "{error}");
     assert!(!path.exists());
     gaussians.sh_stride = 25;
-    assert!(write(&gaussians, &path).is_err());
+    assert!(write(&gaussians, &path, &PlyOptions::default()).is_err());
 }
 
 #[test]

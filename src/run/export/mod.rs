@@ -2,9 +2,11 @@
 
 mod output;
 mod refit;
+mod units;
 
 pub use output::{Output, Record};
 pub use refit::{MEASURED, Refit, RefitPlan};
+pub use units::Units;
 
 use super::labels::Labels;
 use super::selection::Selection;
@@ -65,6 +67,36 @@ impl LabelFormat {
     }
 }
 
+/// What the files of Gaussians hold.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SplatPlan {
+    /// Their format.
+    pub format: SplatFormat,
+    /// Their coordinates; [`Units::Physical`] only if the run knows the physical space of its data.
+    pub units: Units,
+    /// Degree of the harmonics in PLY, see [`ply::PlyOptions::sh_degree`].
+    pub sh_degree: usize,
+    /// How they are refitted to how other programs draw them, if so.
+    pub refit: Option<RefitPlan>,
+}
+
+impl SplatPlan {
+    /// Plans files as they are written by default.
+    ///
+    /// # Errors
+    /// As for [`RefitPlan::new`].
+    pub fn new(run: &OpenRun, format: SplatFormat) -> Result<Self, RunError> {
+        let refit = RefitPlan::new(run, None)?;
+        Ok(Self { format, units: Units::Scene, sh_degree: ply::MAX_SH_DEGREE, refit })
+    }
+
+    /// Number of steps in which each file is refitted; 0 as trained.
+    #[must_use]
+    pub fn refit_steps(&self) -> usize {
+        self.refit.as_ref().map_or(0, |refit| refit.steps)
+    }
+}
+
 /// What was written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Written {
@@ -75,7 +107,7 @@ pub struct Written {
 }
 
 /// Writes what is shown at each of `times` in [0, 1] to its place in `output`: edited, reduced to the selected
-/// segments, without the Gaussians that edits hide; with a `plan`, refitted to how other programs draw them.
+/// segments, without the Gaussians that edits hide; as planned.
 /// Returns `None` if `goes_on`, called after each step and after each file, stopped it.
 ///
 /// # Errors
@@ -85,32 +117,46 @@ pub fn write_splats(
     shown: &Selection,
     times: &[f64],
     output: &Output,
-    format: SplatFormat,
-    plan: Option<&RefitPlan>,
+    plan: &SplatPlan,
     mut goes_on: impl FnMut() -> bool,
 ) -> Result<Option<Written>, RunError> {
     // what is hidden is hidden at every time
-    let count = shown.visible(&run.scene, 0.0)?.len();
+    let all = shown.visible(&run.scene, 0.0)?;
+    let count = all.len();
     if count == 0 {
         return Err(RunError::input(
             "nothing to write: no Gaussian is left; see `volseggs edit list`, or pass --no-edits",
         ));
     }
+    if plan.format == SplatFormat::Ply && plan.sh_degree < ply::MAX_SH_DEGREE {
+        let least = all.baked().sh_degree();
+        if plan.sh_degree < least {
+            return Err(RunError::input(format!(
+                "--sh-degree {}: the colours of the scene have degree {least}; choose that or more",
+                plan.sh_degree
+            )));
+        }
+    }
     let mut refits = Vec::new();
     for (i, time) in times.iter().enumerate() {
         let mut at = shown.visible(&run.scene, *time as f32)?.with_unit_rotations();
-        if let Some(plan) = plan {
+        if let Some(plan) = &plan.refit {
             let (rendering, device) = (run.scene.spec.rendering(), run.scene.device());
             let refitted = refit::refit(&at, rendering, plan, &device, &mut goes_on)?;
             let Some((gaussians, refit)) = refitted else { return Ok(None) };
             at = gaussians;
             refits.push(refit);
         }
-        let write = match format {
-            SplatFormat::Ply => ply::write,
-            SplatFormat::Spz => spz::write,
+        let calibration = run.calibration();
+        if let (Units::Physical, Some(space)) = (plan.units, &calibration.space) {
+            units::to_physical(&mut at, space, plan.format)?;
+        }
+        let (path, comments) = (output.place(i).0, units::comments(calibration, plan.units, *time));
+        let written = match plan.format {
+            SplatFormat::Ply => ply::write(&at, &path, &ply::PlyOptions { sh_degree: plan.sh_degree, comments }),
+            SplatFormat::Spz => spz::write(&at, &path, &comments),
         };
-        write(&at, &output.place(i).0).map_err(|e| match e {
+        written.map_err(|e| match e {
             SplatFileError::Replace(e) => e.into(),
             // an edit moved or scaled them beyond what the format holds
             e @ SplatFileError::Shape(_) => RunError::input(format!("{e}; write .ply, or pass --no-edits")),

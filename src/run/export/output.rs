@@ -1,6 +1,8 @@
 //! Destination of exported files: a single file that the user named, or a folder with one file per time.
 
 use super::super::{OpenRun, RunError};
+use super::Units;
+use crate::data::Calibration;
 use crate::files::{AtomicDir, FolderKind, check_file, same_file};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -32,14 +34,34 @@ pub struct Record<'a> {
     pub segments: &'a [String],
     /// Steps in which they were refitted to how other programs draw them, see [`super::RefitPlan`]; 0 as trained.
     pub refit_steps: usize,
+    /// Coordinates of Gaussians; absent for labels, whose files hold them.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coordinates: Option<Units>,
+    /// Physical space and time of the scene, as far as its data gave them.
+    pub calibration: &'a Calibration,
+    /// Physical time of each file; absent if it is unknown.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub physical_times: Option<Vec<f64>>,
 }
 
 impl<'a> Record<'a> {
     /// Creates the record of files that this version writes from `run`.
     #[must_use]
-    pub fn new(run: &OpenRun, format: &'static str, times: &'a [f64], edited: bool, segments: &'a [String]) -> Self {
-        let (version, run) = (env!("CARGO_PKG_VERSION"), run.path.display().to_string());
-        Self { version, run, format, times, edited, segments, refit_steps: 0 }
+    pub fn new(run: &'a OpenRun, format: &'static str, times: &'a [f64], edited: bool, segments: &'a [String]) -> Self {
+        let calibration = run.calibration();
+        let physical = calibration.time.as_ref().map(|known| times.iter().map(|time| known.time(*time)).collect());
+        Self {
+            version: env!("CARGO_PKG_VERSION"),
+            run: run.path.display().to_string(),
+            format,
+            times,
+            edited,
+            segments,
+            refit_steps: 0,
+            coordinates: None,
+            calibration,
+            physical_times: physical,
+        }
     }
 }
 

@@ -6,13 +6,13 @@
 //! programs draw them, look as the scene does here. The scene's own pictures from all around are the targets, so
 //! neither the dataset nor the volume is needed. Means and rotations stay.
 
+use crate::data::Surroundings;
 use crate::data::hull::Aabb;
 use crate::data::paths::{Sphere, training_cameras};
 use crate::metrics::psnr::psnr;
 use crate::model::params::to_vec;
 use crate::model::{Gaussians, HostGaussians, Model, Rendering, Scene};
 use crate::rng::{Purpose, Rng};
-use crate::run::cameras::Surroundings;
 use crate::run::{OpenRun, RunError};
 use crate::train::optimizer::{AdamConstants, Optimizer};
 use burn::module::Module;
@@ -63,22 +63,24 @@ pub struct RefitPlan {
     pub steps: usize,
     /// Lens and distance of the views.
     pub around: Surroundings,
-    /// Half the side of the trained scene, world units.
+    /// Half the side of the trained scene, scene units.
     pub half_size: f64,
 }
 
 impl RefitPlan {
     /// Plans `steps` steps for files of `run`; `None` for 0 steps. Without a number, there are none if other programs draw
-    /// them as this one does, or if the cameras of the dataset are unknown, so that nobody knows from how far away they
-    /// are looked at, and otherwise 300.
-    #[must_use]
-    pub fn new(run: &OpenRun, steps: Option<usize>) -> Option<Self> {
+    /// them as this one does, and otherwise 300.
+    ///
+    /// # Errors
+    /// If the cameras of the dataset are unknown, see [`OpenRun::surroundings`], so that nobody knows from how far away
+    /// the files are looked at.
+    pub fn new(run: &OpenRun, steps: Option<usize>) -> Result<Option<Self>, RunError> {
         if steps == Some(0) || steps.is_none() && drawn_alike(&run.scene) {
-            return None;
+            return Ok(None);
         }
-        let around = run.surroundings();
+        let around = run.surroundings()?;
         let (_, half_size) = run.scene.place();
-        (steps.is_some() || around.note.is_none()).then(|| Self { steps: steps.unwrap_or(STEPS), around, half_size })
+        Ok(Some(Self { steps: steps.unwrap_or(STEPS), around, half_size }))
     }
 
     /// Returns the sphere on which cameras see `shown`: that of the dataset's cameras or, if edits have moved or scaled
@@ -212,8 +214,7 @@ mod tests {
     }
 
     fn plan(steps: usize) -> RefitPlan {
-        let around =
-            Surroundings { lens: Lens { fov_x: 0.5, width: 40, height: 32 }, sphere: Sphere::from(4.0), note: None };
+        let around = Surroundings { lens: Lens { fov_x: 0.5, width: 40, height: 32 }, sphere: Sphere::from(4.0) };
         RefitPlan { steps, around, half_size: 0.7 }
     }
 

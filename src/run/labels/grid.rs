@@ -2,8 +2,8 @@
 //! themselves are in `labels`.
 
 use super::super::{OpenRun, RunError};
-use crate::data::Aabb;
 use crate::data::calibration::{AxisConvention, PhysicalSpace};
+use crate::data::{Aabb, Normalisation};
 use crate::model::HostGaussians;
 use crate::prepare::PrepareRecord;
 use crate::volume::formats;
@@ -93,20 +93,6 @@ impl LabelGrid {
     }
 }
 
-/// Reads the record of the run's dataset, or of the one at `data` instead; `None` if it was not prepared by this
-/// program.
-///
-/// # Errors
-/// If the record cannot be read, or `data` is not a folder.
-pub(super) fn record(run: &OpenRun, data: Option<&Path>) -> Result<Option<PrepareRecord>, RunError> {
-    let folder = data.unwrap_or(&run.record.dataset);
-    if data.is_some() && !folder.is_dir() {
-        let problem = "there is no such folder; it should hold prepare.json";
-        return Err(RunError::input(format!("--data {}: {problem}", folder.display())));
-    }
-    PrepareRecord::read(folder).map_err(RunError::input)
-}
-
 /// Chooses the voxels: those of the file `like`; else those that the dataset at `data` was prepared from (`record`), or
 /// `dims` voxels over the same box; else `dims` voxels over the box of the scene. Also returns notes: what had to be
 /// assumed, and what the reader of the file reports.
@@ -144,7 +130,8 @@ pub(super) fn choose(
         )));
     };
     let assumed = format!("{}: labels cover the box of the scene; to cover a volume, name it with --like", missing());
-    Ok((around(run.scene.spec.centre, run.scene.spec.half_size, dims), vec![assumed]))
+    let (spec, normalisation) = (&run.scene.spec, &run.record.normalisation);
+    Ok((around(spec.centre, spec.half_size, dims, normalisation), vec![assumed]))
 }
 
 /// What the grid of a dataset is in.
@@ -248,11 +235,12 @@ fn prepared(record: &PrepareRecord, dims: Option<[usize; 3]>) -> LabelGrid {
     LabelGrid { scene, file: over_box(low.to_array(), high.to_array(), dims), axes, unit, is_source: false, turn: None }
 }
 
-fn around(centre: [f32; 3], half: [f32; 3], dims: [usize; 3]) -> LabelGrid {
+fn around(centre: [f32; 3], half: [f32; 3], dims: [usize; 3], normalisation: &Normalisation) -> LabelGrid {
     let (centre, half) = (centre.map(f64::from), half.map(f64::from));
     let corner = |sign: f64| std::array::from_fn(|a| centre[a] + sign * half[a]);
     let scene = over_box(corner(-1.0), corner(1.0), dims);
-    LabelGrid { scene, file: scene, axes: None, unit: None, is_source: false, turn: None }
+    let [low, high] = [-1.0, 1.0].map(|sign| normalisation.to_dataset(corner(sign).into()).to_array());
+    LabelGrid { scene, file: over_box(low, high, dims), axes: None, unit: None, is_source: false, turn: None }
 }
 
 /// Lays voxels over a box, with the outermost voxel centres on its faces.

@@ -96,7 +96,7 @@ fn other_dims_cover_the_box_along_the_axes_of_space() {
             );
         }
     }
-    let scene = around([1.0, 0.0, 0.0], [2.0, 1.0, 0.5], [5, 3, 2]);
+    let scene = around([1.0, 0.0, 0.0], [2.0, 1.0, 0.5], [5, 3, 2], &Normalisation::NONE);
     assert_eq!((scene.scene.spacing, scene.scene.origin), ([1.0; 3], [-1.0, -1.0, -0.5]));
 }
 

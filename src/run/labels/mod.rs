@@ -13,6 +13,7 @@ use super::selection::Selection;
 use super::{OpenRun, RunError};
 use crate::export::labels::NamedLabel;
 use crate::memory::{Budget, product};
+use crate::prepare::PrepareRecord;
 use crate::segment::segmentation::Segmentation;
 use crate::segment::voxels::{LabelledCloud, Vote, label_voxels};
 use crate::shell;
@@ -31,8 +32,6 @@ pub struct LabelPlan {
     pub dims: Option<[usize; 3]>,
     /// Volume file whose voxels are used.
     pub like: Option<PathBuf>,
-    /// The run's dataset, if it is no longer at its place.
-    pub data: Option<PathBuf>,
     /// Density of Gaussians above which a voxel belongs to a segment.
     pub threshold: Option<f32>,
     /// Whether to label the scene with the run's edits, not as trained.
@@ -73,8 +72,9 @@ impl<'r> Labels<'r> {
         }
         let listed = listed(&names, &all)?;
         let selection = Selection::open(run, &plan.segments, plan.edited)?;
-        let record = grid::record(run, plan.data.as_deref())?;
-        let data = plan.data.clone().unwrap_or_else(|| run.record.dataset.clone());
+        let data = run.dataset()?;
+        let record = PrepareRecord::read(&data).map_err(RunError::input)?;
+        let record = record.map(|record| record.normalised(&run.record.normalisation));
         let (grid, notes) = grid::choose(run, &data, record.as_ref(), plan.dims, plan.like.as_deref())?;
         check_memory(&grid, plan.like.as_deref())?;
         let vote = plan.threshold.map_or(Vote::default(), |threshold| Vote { threshold, ..Vote::default() });

@@ -1,7 +1,7 @@
 //! Files for other programs, as `export` writes them, in the run folder.
 
 use super::board::Reporter;
-use crate::run::export::{LabelFormat, Output, Record, RefitPlan, SplatFormat, write_labels, write_splats};
+use crate::run::export::{LabelFormat, Output, Record, SplatFormat, SplatPlan, write_labels, write_splats};
 use crate::run::labels::{LabelPlan, Labels};
 use crate::run::selection::Selection;
 use crate::run::{OpenRun, RunError};
@@ -66,19 +66,20 @@ impl Export<'_> {
         let shown = Selection::open(run, self.segments, self.edited)?;
         let output = self.place(&run.paths().exported(), "scene")?;
         let mut done = 0;
-        let plan = RefitPlan::new(run, None);
-        let unit = if plan.is_some() { "steps" } else { "times" };
-        let all = plan.as_ref().map_or(1, |plan| plan.steps + 1) * self.times.len();
+        let plan = SplatPlan::new(run, format)?;
+        let refit_steps = plan.refit_steps();
+        let unit = if refit_steps > 0 { "steps" } else { "times" };
+        let all = (refit_steps + 1) * self.times.len();
         let one_more = || {
             done += 1;
             report.at(unit, done, all, None)
         };
-        let Some(written) = write_splats(run, &shown, self.times, &output, format, plan.as_ref(), one_more)? else {
+        let Some(written) = write_splats(run, &shown, self.times, &output, &plan, one_more)? else {
             return Ok(None);
         };
         let message = format!("{} Gaussians: {}", written.gaussians, output.path().display());
-        let refit_steps = plan.map_or(0, |plan| plan.steps);
-        output.finish(&Record { refit_steps, ..self.record(run, self.segments) }, &[])?;
+        let coordinates = Some(plan.units);
+        output.finish(&Record { refit_steps, coordinates, ..self.record(run, self.segments) }, &[])?;
         Ok(Some(message))
     }
 
@@ -102,7 +103,7 @@ impl Export<'_> {
         Output::within(folder, name, self.format.extension(), self.many, &[])
     }
 
-    fn record<'a>(&'a self, run: &OpenRun, segments: &'a [String]) -> Record<'a> {
+    fn record<'a>(&'a self, run: &'a OpenRun, segments: &'a [String]) -> Record<'a> {
         Record::new(run, self.format.extension(), self.times, self.edited, segments)
     }
 }

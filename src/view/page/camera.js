@@ -1,4 +1,4 @@
-// The camera: an eye that orbits a target. Vectors are arrays of three numbers, in world units.
+// The camera: an eye that orbits a target. Vectors are arrays of three numbers, in scene units.
 
 export const add = (a, b) => a.map((v, k) => v + b[k]);
 export const sub = (a, b) => a.map((v, k) => v - b[k]);

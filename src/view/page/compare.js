@@ -3,6 +3,7 @@ import { $, app, canvas, make, on, say, value } from "./state.js";
 import { ask, hear } from "./socket.js";
 import { look, size, view } from "./picture.js";
 import { restore } from "./address.js";
+import { timeText } from "./units.js";
 
 const other = $("other");
 const context = other.getContext("2d");
@@ -34,7 +35,7 @@ function layout() {
   $("compare-flip").disabled = how !== "flip";
   $("compare-flip").setAttribute("aria-pressed", flipped);
   $("other-time-row").hidden = withWhat() !== "time";
-  const names = { image: `the dataset's image of view ${value("test-view")}`, plain: "without edits", time: `time ${value("other-time").toFixed(3)}` };
+  const names = { image: `the dataset's image of view ${value("test-view")}`, plain: "without edits", time: `time ${timeText(value("other-time"))}` };
   const place = { side: "Right", wipe: "Right of the divider", flip: flipped ? "Shown" : "Behind" }[how];
   const run = otherRun();
   const name = run ? `${run.name}${run.step == null ? "" : `, step ${run.step.toLocaleString("en")}`}` : names[withWhat()];
@@ -128,7 +129,7 @@ other.oncontextmenu = (e) => e.preventDefault();
 
 hear("views", ({ views: found }) => {
   views = found;
-  $("test-view").replaceChildren(...views.map((v, n) => make("option", { value: n, textContent: `${n}: time ${v.time.toFixed(3)}` })));
+  $("test-view").replaceChildren(...views.map((v, n) => make("option", { value: n, textContent: `${n}: time ${timeText(v.time)}` })));
 });
 function offer({ others }) {
   const chosen = withWhat();

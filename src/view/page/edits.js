@@ -2,6 +2,7 @@
 import { $, make, on, value } from "./state.js";
 import { change } from "./socket.js";
 import { chosen } from "./segments.js";
+import { scale, unit } from "./units.js";
 
 const edit = (operation) => { const segments = chosen(); if (segments.length) change({ kind: "edit", segments, operation }); };
 
@@ -14,10 +15,14 @@ $("recolour").onclick = () => {
 $("opacity").onclick = () => edit({ opacity: { factor: value("factor") } });
 $("hide").onclick = () => edit("hide");
 $("show").onclick = () => edit("show");
-$("move").onclick = () => edit({ translate: { by: [value("dx"), value("dy"), value("dz")] } });
+$("move").onclick = () => edit({ translate: { by: ["dx", "dy", "dz"].map((id) => value(id) / scale()) } });
 $("rotate").onclick = () => edit({ rotate: { axis: ["x", "y", "z"].map((a) => Number(a === $("axis").value)), degrees: value("degrees"), about: null } });
 $("enlarge").onclick = () => edit({ scale: { factor: value("size"), about: null } });
 
+on("welcome", () => {
+  $("move").title = `Move the checked segments by this offset (${unit("length")})`;
+  for (const id of ["dx", "dy", "dz"]) $(id).step = Number((0.05 * scale()).toPrecision(1));
+});
 on("document", (doc) => {
   $("edits-count").textContent = doc.edits.length ? `(${doc.edits.length})` : "";
   $("edits").replaceChildren(...doc.edits.map((textContent) => make("li", { textContent })));

@@ -4,11 +4,12 @@ import { $, app, element, on, say, value } from "./state.js";
 import { add, cross, dot, mul, sub, unit } from "./camera.js";
 import { ask, change } from "./socket.js";
 import { look, size, view } from "./picture.js";
+import { lengthText } from "./units.js";
 
 const AXES = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] };
 const REACH = 90; // pixels from the centre to the end of an arrow
 const svg = $("gizmo");
-let centre = null; // of the checked segments, in world units
+let centre = null; // of the checked segments, in scene units
 let asked = ""; // what the centre was last requested for
 let drag = null; // the handle that is being dragged or moved by keys
 
@@ -25,7 +26,7 @@ function lens() {
       return z > 1e-9 ? [width / 2 + (focal * dot(v, right)) / z, height / 2 - (focal * dot(v, up)) / z] : null;
     },
     ray: ([x, y]) => unit(add(forward, add(mul(right, (x - width / 2) / focal), mul(up, (height / 2 - y) / focal)))),
-    // size of a pixel at a point, in world units
+    // size of a pixel at a point, in scene units
     pixel: (p) => dot(sub(p, eye), forward) / focal,
   };
 }
@@ -50,7 +51,7 @@ const operation = ({ kind, axis, amount, segments }) => {
   return { scale: { factor: Math.exp(amount), about } };
 };
 const shown = ({ kind, amount }) =>
-  kind === "move" ? amount.toPrecision(3) : kind === "turn" ? `${amount.toFixed(0)}°` : `× ${Math.exp(amount).toFixed(2)}`;
+  kind === "move" ? lengthText(amount) : kind === "turn" ? `${amount.toFixed(0)}°` : `× ${Math.exp(amount).toFixed(2)}`;
 
 function preview() {
   const { segments } = drag;

@@ -39,7 +39,8 @@ hear("legend", (message) => {
   $("legend-numbers").replaceChildren(...[range[0], middle, range[1]].map((v) => make("span", { textContent: short(v) })));
 });
 $("hold").onchange = () => {
-  app.range = $("hold").checked ? legend?.range ?? null : null;
+  // views hold the limits in scene units
+  app.range = $("hold").checked ? legend?.scene_range ?? null : null;
   look(false);
 };
 $("reset").onclick = () => { app.camera.reset(); look(false); };

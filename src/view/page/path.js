@@ -5,6 +5,7 @@ import { look, narrowed, size, view } from "./picture.js";
 import { restore } from "./address.js";
 import { download } from "./take.js";
 import { setTime } from "./time.js";
+import { timeText } from "./units.js";
 
 const RATE = 30; // cameras played per second
 let keys = [];
@@ -17,7 +18,7 @@ function show(key) {
 
 function list() {
   $("keys").replaceChildren(...keys.map((key, n) => {
-    const go = make("button", { textContent: `${n + 1}: ${key.seconds.toFixed(1)} s, time ${key.time.toFixed(3)}`, title: "Show this keyframe" });
+    const go = make("button", { textContent: `${n + 1}: ${key.seconds.toFixed(1)} s, time ${timeText(key.time)}`, title: "Show this keyframe" });
     go.onclick = () => { show(key); look(false); };
     const remove = make("button", { textContent: "×" });
     remove.setAttribute("aria-label", `Remove keyframe ${n + 1}`);

@@ -14,8 +14,8 @@ export const valueAt = ([from, to], share) => {
 };
 
 // plots lines of points [x, y], with y null where missing, on one scale; without a span, it runs from the smallest to
-// the largest x; marks are elements drawn over the lines
-export function plot(svg, lines, { span = null, unit = "", marks = [] } = {}) {
+// the largest x; ends are texts for both ends of the span; marks are elements drawn over the lines
+export function plot(svg, lines, { span = null, ends = null, unit = "", marks = [] } = {}) {
   const all = lines.flatMap((line) => line.points).filter(([, y]) => y !== null && Number.isFinite(y));
   svg.setAttribute("viewBox", `0 0 ${WIDTH} ${HEIGHT}`);
   if (!all.length) return svg.replaceChildren();
@@ -38,7 +38,7 @@ export function plot(svg, lines, { span = null, unit = "", marks = [] } = {}) {
   svg.replaceChildren(
     axis, ...paths, ...marks,
     label(LEFT, 10, `${short(high)}${unit}`), label(LEFT, HEIGHT - BOTTOM - 2, short(low)),
-    label(LEFT, HEIGHT - 2, short(from)), label(WIDTH - RIGHT, HEIGHT - 2, short(to), "end"),
+    label(LEFT, HEIGHT - 2, ends?.[0] ?? short(from)), label(WIDTH - RIGHT, HEIGHT - 2, ends?.[1] ?? short(to), "end"),
   );
   return [from, to];
 }

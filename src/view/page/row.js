@@ -2,6 +2,7 @@
 import { app, element, make } from "./state.js";
 import { change, start } from "./socket.js";
 import { look } from "./picture.js";
+import { timeText } from "./units.js";
 
 const open = new Set(); // names of segments whose second line is open
 const hex = (colour) => `#${colour.map((c) => Math.round(255 * Math.min(1, Math.max(0, c))).toString(16).padStart(2, "0")).join("")}`;
@@ -112,7 +113,7 @@ function more(s) {
     e.preventDefault();
     start({ kind: "split", segment: s.name, scale: Number(scale.value), clusters: null, replace: false });
   };
-  const found = make("p", { textContent: `${s.gaussians.toLocaleString("en")} Gaussians, found at time ${s.time.toFixed(3)}` });
+  const found = make("p", { textContent: `${s.gaussians.toLocaleString("en")} Gaussians, found at time ${timeText(s.time)}` });
   const box = make("div", { className: "more" }, found);
   if (!app.welcome?.read_only) box.append(rename, ...(app.welcome?.clicks ? [split] : []));
   return box;

@@ -1,11 +1,17 @@
 // Time: the slider, steps and playback.
 import { $, app, on, value } from "./state.js";
 import { look } from "./picture.js";
+import { timeText } from "./units.js";
 
 const STEP = 0.01;
+function label() {
+  $("now").value = timeText(value("when"));
+  $("when").setAttribute("aria-valuetext", $("now").value);
+  $("now").title = `${value("when").toFixed(3)} from the first (0) to the last time of the data (1)`;
+}
 export function setTime(t) {
   $("when").value = t;
-  $("now").value = value("when").toFixed(3);
+  label();
 }
 export function nudge(by) {
   setTime(Math.min(1, Math.max(0, value("when") + by * STEP)));
@@ -41,3 +47,4 @@ $("when").oninput = () => { setTime($("when").value); look(true); };
 $("when").onchange = () => look(false);
 
 on("frame", () => app.playing && step());
+on("welcome", label);

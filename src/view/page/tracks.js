@@ -5,6 +5,7 @@ import { chosen } from "./segments.js";
 import { goTo, nudge } from "./time.js";
 import { reveal } from "./parts.js";
 import { place, plot, upright, valueAt } from "./plot.js";
+import { coordinate, scale, speedScale, timeText, unit } from "./units.js";
 
 const CHARTS = ["chart-volume", "chart-centroid", "chart-speed"];
 const SPAN = [0, 1];
@@ -22,7 +23,7 @@ function words({ kind, parts: [before, after] }) {
 }
 const middle = ({ from, to }) => (from + to) / 2;
 
-const said = (event) => `${event.to.toFixed(2)} ${words(event)}`;
+const said = (event) => `${timeText(event.to)} ${words(event)}`;
 
 // marks of a chart: its events, those of one time as one mark with a tooltip, and the current time
 function marks() {
@@ -43,10 +44,16 @@ function marks() {
 function show() {
   nows = [];
   const line = (values, look) => ({ points: track.times.map((t, k) => [t, values[k]]), look });
-  const axis = (k) => track.centroid.map((c) => c?.[k] ?? null);
-  plot($("chart-volume"), [line(track.volume, "one")], { span: SPAN, marks: marks() });
-  plot($("chart-centroid"), [line(axis(0), "one"), line(axis(1), "two"), line(axis(2), "three")], { span: SPAN, marks: marks() });
-  plot($("chart-speed"), [line(track.speed, "one")], { span: SPAN, marks: marks() });
+  const times = (values, factor) => values.map((v) => (v === null ? null : factor * v));
+  const axis = (k) => track.centroid.map((c) => (c ? coordinate(c[k], k) : null));
+  const options = () => ({ span: SPAN, ends: SPAN.map(timeText), marks: marks() });
+  plot($("chart-volume"), [line(times(track.volume, scale() ** 3), "one")], options());
+  plot($("chart-centroid"), [line(axis(0), "one"), line(axis(1), "two"), line(axis(2), "three")], options());
+  plot($("chart-speed"), [line(times(track.speed, speedScale()), "one")], options());
+  const length = unit("length");
+  $("unit-volume").textContent = `(${length === "normalised" ? length : `${length}³`})`;
+  $("unit-centroid").textContent = `(${length})`;
+  $("unit-speed").textContent = `(${unit("speed")})`;
   $("chart-title").textContent = track.segments.join(" + ");
   const used = Object.entries(MEANINGS).filter(([letter]) => track.events.some((event) => LETTERS[event.kind] === letter));
   $("chart-key").replaceChildren(...used.map(([letter, meaning]) => make("span", {}, make("b", { textContent: letter }), ` ${meaning}`)));
@@ -65,7 +72,7 @@ function mark() {
   const time = value("when");
   for (const now of nows) now.setAttribute("d", upright(SPAN, time, "").getAttribute("d"));
   $("chart-time").setAttribute("aria-valuenow", time.toFixed(3));
-  $("chart-time").setAttribute("aria-valuetext", `time ${time.toFixed(3)}`);
+  $("chart-time").setAttribute("aria-valuetext", `time ${timeText(time)}`);
 }
 
 $("chart-start").onclick = async () => {

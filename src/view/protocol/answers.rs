@@ -1,5 +1,6 @@
 //! Messages of the server.
 
+use crate::data::Calibration;
 use crate::run::cameras::Placed;
 use crate::run::keyframes::{Key, SavedPath};
 use crate::run::look::Legend;
@@ -43,6 +44,10 @@ pub enum Answer {
         in_training: bool,
         /// Whether that training can be paused here.
         can_pause: bool,
+        /// Physical space and time of the scene, by which the page converts what it shows.
+        calibration: Box<Calibration>,
+        /// Names of its units.
+        units: Box<Units>,
         /// A note for the user.
         note: Option<String>,
     },
@@ -87,7 +92,7 @@ pub enum Answer {
     Place {
         /// Number of the request.
         id: u32,
-        /// In world units.
+        /// In scene units.
         at: [f64; 3],
     },
     /// Progress of long work.
@@ -113,6 +118,24 @@ pub enum Answer {
         /// Why, and what to do.
         message: String,
     },
+}
+
+/// Names of the units in which the page shows numbers; `normalised` where the data have none.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Units {
+    /// Of lengths.
+    pub length: String,
+    /// Of times.
+    pub time: String,
+    /// Of speeds.
+    pub speed: String,
+}
+
+impl From<&Calibration> for Units {
+    fn from(known: &Calibration) -> Self {
+        let (length, time) = (known.length_unit().to_owned(), known.time_unit().to_owned());
+        Self { length, time, speed: known.speed_unit() }
+    }
 }
 
 /// A run with which the viewed one can be compared.
@@ -180,7 +203,7 @@ pub struct LevelOffer {
 pub struct Selected {
     /// Number of the request.
     pub id: u32,
-    /// Position of the clicked Gaussian, in world units.
+    /// Position of the clicked Gaussian, in scene units.
     pub mean: [f32; 3],
     /// Segments that contain it.
     pub segments: Vec<String>,

@@ -212,7 +212,9 @@ impl Renderer {
             read_only: self.space.read_only(),
             in_training: self.space.live().is_some(),
             can_pause: self.space.can_pause().is_ok(),
-            note: around.note.clone().or_else(|| self.space.fault().map(str::to_owned)),
+            calibration: Box::new(run.calibration().clone()),
+            units: Box::new(run.calibration().into()),
+            note: self.space.fault().map(str::to_owned),
         }
     }
 

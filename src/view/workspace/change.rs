@@ -40,7 +40,7 @@ impl Workspace {
         match change {
             Change::Edit { segments, operation } => {
                 let edit = Edit { segments: segments.clone(), operation: operation.clone() };
-                self.edits = edits::push(&self.run, edit)?;
+                self.edits = edits::push(&self.run, edit)?.0;
                 return self.end(lock, steps, None);
             }
             Change::Edits { undo } => {

@@ -9,7 +9,7 @@ use crate::segment::segmentation::Segment;
 use crate::view::protocol::{Document, SegmentRow};
 
 impl Workspace {
-    /// Returns the opacity-weighted centre of segments at `time` in [0, 1], edits applied, in world units.
+    /// Returns the opacity-weighted centre of segments at `time` in [0, 1], edits applied, in scene units.
     ///
     /// # Errors
     /// A time out of range, no segments, an unknown name, or segments without Gaussians.
@@ -37,7 +37,7 @@ impl Workspace {
             revision: self.revision,
             renamed: self.renamed.clone(),
             segments: self.segments.now().tree().into_iter().map(row).collect(),
-            edits: self.edits.operations.iter().map(ToString::to_string).collect(),
+            edits: self.edits.operations.iter().map(|edit| edit.line(self.run.calibration())).collect(),
             segment_steps: [step(Towards::Undo), step(Towards::Redo)],
             edit_steps: [!self.edits.operations.is_empty(), !self.edits.undone.is_empty()],
         }

@@ -9,8 +9,8 @@ use super::live::Live;
 use super::order::{Order, Stack, Steps};
 use super::reading::{Newer, Read, Seen, field, seen};
 use super::refusal::ChangeError;
+use crate::data::Surroundings;
 use crate::edit::EditStack;
-use crate::run::cameras::Surroundings;
 use crate::run::segments::{RunSegments, Towards};
 use crate::run::{OpenRun, RunError};
 use crate::segment::fine::AffinityField;
@@ -60,8 +60,8 @@ impl Workspace {
     ///
     /// # Errors
     /// If the run or a file of it cannot be used.
-    pub fn open(path: &Path, device: &Device, read_only: bool) -> Result<Self, RunError> {
-        let Read { run, around, seen, segments, fault, edits, field } = Read::new(path, device)?;
+    pub fn open(path: &Path, data: Option<&Path>, device: &Device, read_only: bool) -> Result<Self, RunError> {
+        let Read { run, around, seen, segments, fault, edits, field } = Read::new(path, data, device)?;
         let (device, follows) = (device.clone(), checkpoint::locate(path).0 == path);
         let newest = run.scene_path.parent().map(Path::to_owned);
         Ok(Self {
@@ -87,15 +87,17 @@ impl Workspace {
 
     /// Makes the workspace of a run that this process trains. It shows the scenes that the trainer leaves; there are no
     /// segments and edits, whatever files say, as those would belong to another state of the scene.
-    #[must_use]
-    pub fn in_training(run: OpenRun, live: Arc<Live>, device: &Device, read_only: bool) -> Self {
+    ///
+    /// # Errors
+    /// If its record lacks the cameras of its dataset, which cannot be read.
+    pub fn in_training(run: OpenRun, live: Arc<Live>, device: &Device, read_only: bool) -> Result<Self, RunError> {
         let (segments, edits, order) = (RunSegments::none(&run), EditStack::default(), Order::default());
         let (device, seen) = (device.clone(), Seen::default());
         let (follows, newest, fault, field, revision) = (false, None, None, None, 1);
-        let (newer, renamed, around) = (Newer::default(), Vec::new(), run.surroundings());
+        let (newer, renamed, around) = (Newer::default(), Vec::new(), run.surroundings()?);
         live.shows(run.step().unwrap_or_default(), run.scene.gaussians.count());
         let live = Some(live);
-        Self {
+        Ok(Self {
             run,
             around,
             device,
@@ -113,7 +115,7 @@ impl Workspace {
             seen,
             read_only,
             live,
-        }
+        })
     }
 
     /// Returns a number that grows with every change of the scene, segments or edits.
@@ -203,7 +205,7 @@ impl Workspace {
         if let Some(newest) = self.unread() {
             // one that cannot be read is reported once
             self.newest = Some(newest);
-            self.newer.begin(&self.run.path, &self.device)?;
+            self.newer.begin(&self.run, &self.device)?;
         }
         if self.newer.is_under_way() {
             // what the files hold may belong to that state of the scene
