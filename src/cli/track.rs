@@ -11,17 +11,19 @@ use crate::log::progress;
 use crate::name::Name;
 use crate::run::OpenRun;
 use crate::run::cameras::check_lens;
-use crate::run::follow::{FollowRequest, SHEET, Stage, Times, follow};
-use crate::track::events::EventKind;
+use crate::run::follow::{FollowRequest, SHEET, Stage, Times, cautions, follow};
+use crate::track::events::{Event, EventKind};
 use crate::track::follow::Followup;
 use crate::track::report::{PictureOptions, SHEET_CELL};
+use crate::track::tables::units;
 use clap::Args;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Track segments through time: statistics, events, pictures.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs track RUN --segment red.1\n  volseggs track RUN --segment red.1 --segment red.2 --group pair\n  volseggs track RUN --segment red --from 0.5 --to 0     # backward\n  volseggs track RUN --segment red --at 0.1 --at 0.4 --renders --view 3\n\nWrites RUN/track/NAME/: statistics.csv and .json, events.csv, tracks.csv, over-time.svg, velocity-over-time.svg, times.png;\nwith --renders also renders/NNN.png and masks/NNN.png, the segment alone at each time.\nprojected_area is the number of pixels of the mask, projected_share their share of the picture.\nThe edits of the run apply to pictures, masks and projected areas; everything else is measured on the scene as trained."
+    after_help = "Examples:\n  volseggs track RUN --segment red.1\n  volseggs track RUN --segment red.1 --segment red.2 --group pair\n  volseggs track RUN --segment red --from 0.5 --to 0     # backward\n  volseggs track RUN --segment red --at 0.1 --at 0.4 --renders --view 3\n\nWrites RUN/track/NAME/: statistics.csv and .json, columns.csv (what each column\nis and its unit), events.csv, tracks.csv, over-time.svg, velocity-over-time.svg, times.png;\nwith --renders also renders/NNN.png and masks/NNN.png, the segment alone at each time.\nprojected_area is the number of pixels of the mask, projected_share their share of the picture.\nThe edits of the run apply to pictures, masks and projected areas; everything else is measured on the scene as trained."
 )]
 pub struct TrackArgs {
     /// Folder of the run.
@@ -117,11 +119,17 @@ impl TrackArgs {
     }
 
     fn print(&self, run: &OpenRun, camera: &Camera, found: &[Followup]) -> Result<(), CliError> {
+        for followup in found {
+            cautions(followup, &run.record.calibration)
+                .iter()
+                .for_each(|caution| errln!("note: {}: {caution}", followup.name));
+        }
         if self.common.json {
+            let units: BTreeMap<_, _> = units(&run.record.calibration).into_iter().collect();
             let report = |f: &Followup| {
                 serde_json::json!({
                     "segment": f.name, "size": [camera.width, camera.height],
-                    "statistics": f.statistics, "events": f.tracking.events,
+                    "units": units, "statistics": f.statistics, "events": f.tracking.events,
                 })
             };
             return print_json(&found.iter().map(report).collect::<Vec<_>>());
@@ -132,7 +140,10 @@ impl TrackArgs {
                 let list = |v: &[u32]| v.iter().map(ToString::to_string).collect::<Vec<_>>().join(" + ");
                 let kind = format!("{:?}", event.kind);
                 let (before, after) = (list(&event.parents), list(&event.children));
-                outln!("  t = {:.3} to {:.3}  {kind:14} {before} -> {after}", event.time_from, event.time_to);
+                let Event { time_from, time_to, confidence, .. } = event;
+                outln!(
+                    "  t = {time_from:.3} to {time_to:.3}  {kind:14} {before} -> {after}  confidence {confidence:.2}"
+                );
             }
         }
         errln!("tables and pictures: {}", run.paths().tracks().display());

@@ -127,7 +127,8 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
     save(run, &found, trained.parts, evaluation.time).map_err(|e| e.to_string())?;
 
     let times: Vec<f64> = (0..TIMES).map(|i| i as f64 / (TIMES - 1) as f64).collect();
-    let wanted: Vec<Followed<'_>> = clicked.iter().map(|s| Followed { name: &s.name, members: &s.members }).collect();
+    let wanted: Vec<Followed<'_>> =
+        clicked.iter().map(|s| Followed { name: &s.name, members: &s.members, time: s.time }).collect();
     let lens = Lens { fov_x: FOV, width: WIDTH, height: WIDTH };
     let camera = orbit(8, RADIUS, 0.35, lens)[0].to_kernel();
     let alone = |at: &HostGaussians, members: &[u32]| {
@@ -146,8 +147,8 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
         frame += 1;
         Some(at)
     };
-    let followed =
-        follow(at, &wanted, &times, &FollowOptions::within(scene.spec.half_size)).map_err(|e| e.to_string())?;
+    let followed = follow(at, &wanted, &[], &times, &FollowOptions::within(scene.spec.centre, scene.spec.half_size))
+        .map_err(|e| e.to_string())?;
     let followed = followed.unwrap_or_default();
     let tracks = view_sheet(&pictures.concat(), SHOWN_TIMES, WIDTH);
     let sheet = view_sheet(&evaluation.pictures, evaluation.columns, 2 * WIDTH);

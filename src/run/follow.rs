@@ -2,12 +2,14 @@
 
 use super::selection::Selection;
 use super::{OpenRun, RunError};
-use crate::data::Camera;
+use crate::data::{Calibration, Camera, SplitName, Transforms};
 use crate::memory::{Budget, product};
 use crate::name::Name;
 use crate::segment::pictures::draw;
+use crate::segment::segmentation::Origin;
 use crate::track::follow::{self as track, FollowOptions, Followed, Followup};
 use crate::track::report::{PictureOptions, ReportError, ReportFolder};
+use crate::track::statistics::{SegmentStatistics, Status};
 use burn::tensor::Device;
 use rayon::prelude::*;
 
@@ -15,8 +17,8 @@ use rayon::prelude::*;
 pub const SHEET: usize = 8;
 /// Bytes per time and segment: its statistics, its events, and their rows in the tables.
 const ROW_BYTES: usize = 4096;
-/// Bytes per time and Gaussian of a segment.
-const MEMBER_BYTES: usize = 8;
+/// Bytes per time and Gaussian of a segment: its part, its opacity, and its number in a list.
+const MEMBER_BYTES: usize = 12;
 
 /// Times in [0, 1], in the order in which segments are tracked. They are listed only once memory is known to suffice.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,8 +92,8 @@ pub enum Stage {
     Drawn,
 }
 
-/// Measures segments, separately or as one, at `times` and finds their events, on the scene as trained; nothing is
-/// written. `asked` is what set the number of times, see [`FollowRequest::asked`]. Returns `None` if `goes_on`, called
+/// Measures segments, separately or as one, at `times` and finds their events, on the scene as trained, in the units of
+/// the data; nothing is written. `asked` is what set the number of times, see [`FollowRequest::asked`]. Returns `None` if `goes_on`, called
 /// at each time, stopped it.
 ///
 /// # Errors
@@ -108,7 +110,7 @@ pub fn measure(
     follow_all(run, &wanted, &times.list(), goes_on)
 }
 
-/// Tracks segments and writes a folder for each into the run's folder of tracks. Returns `None` if `goes_on`, called at
+/// Tracks segments, in the units of the data, and writes a folder for each into the run's folder of tracks. Returns `None` if `goes_on`, called at
 /// each time, stopped it; earlier folders are then unchanged.
 ///
 /// # Errors
@@ -127,7 +129,7 @@ pub fn follow(
     let shown = Selection::open(run, &[], request.edited)?;
 
     // created before the work, so that a folder that cannot be replaced is reported at once
-    let folder = |(name, _): &(Name, Vec<u32>)| ReportFolder::create(&run.paths().tracks(), name, request.pictures);
+    let folder = |w: &Wanted| ReportFolder::create(&run.paths().tracks(), &w.name, request.pictures);
     let mut reports = wanted.iter().map(folder).collect::<Result<Vec<_>, _>>().map_err(report_error)?;
     let found = follow_all(run, &wanted, times, || goes_on(Stage::Followed))?;
     let Some(mut found) = found else { return Ok(None) };
@@ -136,8 +138,7 @@ pub fn follow(
     for (i, &time) in times.iter().enumerate() {
         let at = shown.edited(&run.scene, time as f32)?;
         // one after the other: drawing a single picture uses all threads
-        let alone =
-            |(_, members): &(Name, Vec<u32>)| draw(&at.subset(members), rendering.seen_by(camera.to_kernel()), device);
+        let alone = |w: &Wanted| draw(&at.subset(&w.members), rendering.seen_by(camera.to_kernel()), device);
         let pictures: Vec<Vec<f32>> = wanted.iter().map(alone).collect();
         let label = in_sheet(i, times.len()).then(|| format!("t = {time:.2}"));
         let size = [camera.width as usize, camera.height as usize];
@@ -148,48 +149,109 @@ pub fn follow(
         }
     }
     for (report, followup) in reports.into_iter().zip(&mut found) {
-        report.finish(followup).map_err(report_error)?;
+        report.finish(followup, &run.record.calibration).map_err(report_error)?;
     }
     Ok(Some(found))
 }
 
 /// Checks that the times fit into memory.
-fn check_memory(wanted: &[(Name, Vec<u32>)], times: &Times, asked: &str) -> Result<(), RunError> {
-    let bytes = wanted.iter().map(|(_, members)| ROW_BYTES + MEMBER_BYTES * members.len()).sum();
+fn check_memory(wanted: &[Wanted], times: &Times, asked: &str) -> Result<(), RunError> {
+    let bytes = wanted.iter().map(|w| ROW_BYTES + MEMBER_BYTES * w.members.len()).sum();
     // at each time, every Gaussian of a segment has a part and an opacity
     Budget::now().check(asked, product(&[times.count(), bytes])).map_err(RunError::input)
 }
 
 fn follow_all(
     run: &OpenRun,
-    wanted: &[(Name, Vec<u32>)],
+    wanted: &[Wanted],
     times: &[f64],
     mut goes_on: impl FnMut() -> bool,
 ) -> Result<Option<Vec<Followup>>, RunError> {
-    let segments: Vec<Followed<'_>> = wanted.iter().map(|(name, members)| Followed { name, members }).collect();
+    let segments: Vec<Followed<'_>> =
+        wanted.iter().map(|w| Followed { name: &w.name, members: &w.members, time: w.time }).collect();
+    let all = run.segments()?;
+    let others =
+        all.leaves().iter().map(|name| all.get(name)).collect::<Result<Vec<_>, _>>().map_err(RunError::input)?;
+    let others: Vec<&[u32]> =
+        others.into_iter().filter(|s| s.origin != Origin::Group).map(|s| s.members.as_slice()).collect();
     let scene = |time: f64| goes_on().then(|| run.scene.host_at(time as f32));
-    let options = FollowOptions::within(run.scene.spec.half_size);
-    track::follow(scene, &segments, times, &options).map_err(RunError::input)
+    let spec = &run.scene.spec;
+    let options = FollowOptions { trained: trained_times(run), ..FollowOptions::within(spec.centre, spec.half_size) };
+    let mut found = track::follow(scene, &segments, &others, times, &options).map_err(RunError::input)?;
+    let rows = found.iter_mut().flatten().flat_map(|followup| &mut followup.statistics);
+    rows.for_each(|row| row.calibrate(&run.record.calibration));
+    Ok(found)
+}
+
+/// The times in [0, 1] with training views, ascending; none if the run's dataset is no longer there.
+fn trained_times(run: &OpenRun) -> Vec<f64> {
+    let views = Transforms::read(&SplitName::Train.json_path(&run.record.dataset)).ok();
+    let mut times: Vec<f64> = views.iter().flat_map(|views| &views.frames).map(|frame| frame.time).collect();
+    times.sort_by(f64::total_cmp);
+    times.dedup();
+    times
+}
+
+/// Returns what a reader of the tables should know about how far they can be relied on, one sentence each.
+#[must_use]
+pub fn cautions(found: &Followup, calibration: &Calibration) -> Vec<String> {
+    let rows = &found.statistics;
+    let of = |n: usize| format!("{n} of {} times", rows.len());
+    let count = |which: &dyn Fn(&SegmentStatistics) -> bool| rows.iter().filter(|row| which(row)).count();
+    let mut said = Vec::new();
+    let lost = count(&|row| row.status == Status::Lost);
+    if lost > 0 {
+        said.push(format!("it is lost at {}: nothing, or hardly anything, of it is left there", of(lost)));
+    }
+    let weak = count(&|row| row.status == Status::Weak);
+    if weak > 0 {
+        said.push(format!(
+            "at {} less than half of it supports its place (columns counted_share and consistency)",
+            of(weak)
+        ));
+    }
+    let ends = rows.first().zip(rows.last()).map_or(0.0, |(first, last)| (last.time - first.time).abs());
+    let spacing = ends / rows.len().saturating_sub(1).max(1) as f64;
+    // farther from a trained time than from the next row
+    let far = |d: f64| d / calibration.duration() > spacing * (1.0 + 1e-6);
+    let between = count(&|row| row.trained_distance.is_some_and(far));
+    if 2 * between > rows.len() {
+        said.push(format!(
+            "few of these times were trained: {} are between those with training views, where motion is only \
+             interpolated (column trained_distance)",
+            of(between)
+        ));
+    }
+    said
+}
+
+/// A segment to track.
+struct Wanted {
+    name: Name,
+    members: Vec<u32>,
+    /// The time that it was found at.
+    time: f64,
 }
 
 /// Returns the names and members of the segments to track.
-fn wanted(run: &OpenRun, segments: &[String], group: Option<&Name>) -> Result<Vec<(Name, Vec<u32>)>, RunError> {
+fn wanted(run: &OpenRun, segments: &[String], group: Option<&Name>) -> Result<Vec<Wanted>, RunError> {
     let all = run.segments()?;
-    let mut wanted: Vec<(Name, Vec<u32>)> = Vec::new();
+    let mut wanted: Vec<Wanted> = Vec::new();
     for name in segments {
-        if wanted.iter().any(|(n, _)| n == name) {
+        if wanted.iter().any(|w| &w.name == name) {
             continue;
         }
         let segment = all.get(name).map_err(RunError::input)?;
-        wanted.push((segment.name.clone(), segment.members.clone()));
+        wanted.push(Wanted { name: segment.name.clone(), members: segment.members.clone(), time: segment.time });
     }
     if let Some(group) = group {
-        let mut members: Vec<u32> = wanted.iter().flat_map(|(_, m)| m).copied().collect();
+        let mut members: Vec<u32> = wanted.iter().flat_map(|w| &w.members).copied().collect();
         members.sort_unstable();
         members.dedup();
-        wanted = vec![(group.clone(), members)];
+        let time = wanted.first().map_or(0.0, |w| w.time);
+        wanted = vec![Wanted { name: group.clone(), members, time }];
     }
-    if let Some((name, _)) = wanted.iter().find(|(_, m)| m.is_empty()) {
+    if let Some(Wanted { name, .. }) = wanted.iter().find(|w| w.members.is_empty()) {
         return Err(RunError::input(format!("segment \"{name}\" is empty: there is nothing to track")));
     }
     Ok(wanted)
@@ -197,10 +259,10 @@ fn wanted(run: &OpenRun, segments: &[String], group: Option<&Name>) -> Result<Ve
 
 /// Checks that no track would have the name of a segment with other Gaussians: a group's would replace that of the
 /// segment, or be taken for it.
-fn check_group(run: &OpenRun, wanted: &[(Name, Vec<u32>)]) -> Result<(), RunError> {
+fn check_group(run: &OpenRun, wanted: &[Wanted]) -> Result<(), RunError> {
     let all = run.segments()?;
-    match wanted.iter().find(|(name, members)| all.get(name).is_ok_and(|s| s.members != *members)) {
-        Some((name, _)) => Err(RunError::input(format!(
+    match wanted.iter().find(|w| all.get(&w.name).is_ok_and(|s| s.members != w.members)) {
+        Some(Wanted { name, .. }) => Err(RunError::input(format!(
             "group {name}: this is the name of a segment with other Gaussians, whose track it would replace; choose \
              another name"
         ))),

@@ -2,8 +2,8 @@
 //!
 //! Coarse segments come from the colour of the [`material`], from objects with their surface layers ([`bodies`]) or
 //! from the mean colour ([`coarse`]), fine ones from a field trained on 2D masks ([`masks`], [`mod@fine`]). A
-//! [`segmentation`] is what later commands read; [`history`] undoes changes to it. [`voxels`] transfers labels to a
-//! volume and [`dice`] compares label volumes. [`pick`] determines what a click selects among [`candidates`],
+//! [`segmentation`] is what later commands read; [`history`] undoes changes to it. [`place`] says where a segment is and
+//! [`dice`] compares label volumes. [`pick`] determines what a click selects among [`candidates`],
 //! [`levels`] finds the parts and wholes there, [`pieces`] the connected pieces, [`objects`] and [`necks`] split them,
 //! and [`propagate`] extends a selection to other times. [`paint`] shows segments in colour. Published methods for
 //! comparison are in [`baselines`]. What segments do over time is in `track`.
@@ -31,11 +31,11 @@ pub mod palette;
 pub mod pick;
 pub mod pictures;
 pub mod pieces;
+pub mod place;
 pub mod propagate;
 mod samples;
 pub mod segmentation;
 mod surface_layers;
-pub mod voxels;
 
 #[cfg(test)]
 pub(crate) mod balls;

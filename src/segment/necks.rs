@@ -9,7 +9,8 @@
 //! body is split only if each of its parts is round.
 
 use super::depth::depths;
-use super::voxels::{LabelledCloud, Vote, VoxelError, label_voxels};
+use super::place::density::solid;
+use super::place::{Cloud, PlaceError};
 use crate::model::HostGaussians;
 use crate::points::flood::{Mode, flood};
 use crate::points::neighbours::Grid as Neighbours;
@@ -21,6 +22,8 @@ use std::f64::consts::PI;
 const CELLS: usize = 80;
 /// Cells of border around it.
 const BORDER: usize = 4;
+/// Sum of opacities above which a cell is solid; see the results of 2026-11-23 in `benches/results`.
+const SOLID: f32 = 0.1;
 /// Ratio of the radius of a neck to that of the thinner of two parts below which they are separate; see the results of
 /// 2026-11-23 in `benches/results`.
 const NECK: f32 = 0.7;
@@ -37,24 +40,17 @@ const MIN_RELATIVE_DEPTH: f32 = 0.25;
 ///
 /// # Errors
 /// If the arrays of `body` disagree.
-pub fn parts(body: &HostGaussians) -> Result<Vec<u32>, VoxelError> {
+pub fn parts(body: &HostGaussians) -> Result<Vec<u32>, PlaceError> {
     let one = vec![1; body.len()];
     let Some(grid) = grid(body) else { return Ok(one) };
     let [x, y, _] = grid.dims;
     let opacity = body.opacity();
-    let cloud = LabelledCloud {
-        means: &body.means,
-        rotations: &body.rotations,
-        log_scales: &body.log_scales,
-        opacity: &opacity,
-        labels: &one,
-    };
     let inside = |c: usize| {
         let place = [c % x, c / x % y, c / (x * y)];
         place.iter().zip(grid.dims).all(|(p, d)| *p > 0 && p + 1 < d)
     };
-    let labels = label_voxels(&cloud, &grid, &Vote::default())?;
-    let solid: Vec<bool> = labels.iter().enumerate().map(|(c, label)| *label > 0 && inside(c)).collect();
+    let mut solid = solid(&Cloud::new(body, &opacity, &one), &grid, SOLID)?;
+    solid.iter_mut().enumerate().for_each(|(c, solid)| *solid &= inside(c));
     let depth = depths(&solid, grid.dims);
     let mut order: Vec<usize> = (0..depth.len()).filter(|&c| depth[c] > 0.0).collect();
     order.par_sort_by(|&a, &b| depth[b].total_cmp(&depth[a]).then(a.cmp(&b)));

@@ -8,7 +8,7 @@ use super::candidates::Candidates;
 use super::click::heaviest;
 use super::levels::{Kind, Level, levels, likeliest};
 use super::pieces::without_strays;
-use super::voxels::VoxelError;
+use super::place::PlaceError;
 use crate::points::PointsError;
 use std::collections::BTreeMap;
 
@@ -96,7 +96,7 @@ pub enum PickError {
     Points(#[from] PointsError),
     /// The parts of a piece cannot be found.
     #[error(transparent)]
-    Parts(#[from] VoxelError),
+    Parts(#[from] PlaceError),
 }
 
 /// Each of `kinds` once.

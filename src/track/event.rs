@@ -68,6 +68,10 @@ pub struct Event {
     pub parent_weights: Vec<f64>,
     /// Total opacity of each child at its first time.
     pub child_weights: Vec<f64>,
+    /// How well it is supported, in [0, 1]: the least share of the weight of a part that the event accounts for, times
+    /// `n / (n + persistence)`, where `n` is the number of times that the shortest of the states before and after lasts.
+    /// A part that lasts just long enough to count has half.
+    pub confidence: f64,
 }
 
 /// The track of one component at one time.

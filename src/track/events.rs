@@ -2,7 +2,7 @@
 //! `overlap`; the components of one time are found by `points::components`.
 
 pub use super::event::{Event, EventConfig, EventKind, Frame, TrackPoint, Tracking};
-use super::overlap::{Graph, LabelSum, Nodes, label_sums, usable};
+use super::overlap::{Graph, LabelSum, Nodes, Shared, label_sums, usable};
 use crate::points::PointsError;
 use crate::points::chunks::map_chunks;
 use crate::points::error::check_len;
@@ -50,7 +50,8 @@ pub fn find_events(frames: &[Frame<'_>], config: &EventConfig) -> Result<Trackin
         }
         tracks[node] = if heads[node] == node { next } else { tracks[heads[node]] };
     }
-    let history = History { frames, nodes: &nodes, graph: &graph, tracks: &tracks, persistence };
+    let lasting = nodes.chain_lengths(&nodes.only(&graph));
+    let history = History { frames, nodes: &nodes, graph: &graph, tracks: &tracks, lasting, persistence };
     let mut events = history.component_events();
     events.extend(history.segment_events(&present));
     events.extend(history.continuations());
@@ -109,6 +110,8 @@ struct History<'a> {
     nodes: &'a Nodes,
     graph: &'a Graph,
     tracks: &'a [u32],
+    /// Number of times that the track of each node lasts.
+    lasting: Vec<usize>,
     persistence: usize,
 }
 
@@ -124,7 +127,24 @@ impl History<'_> {
             children: tracks(children),
             parent_weights: weights(parents),
             child_weights: weights(children),
+            confidence: 1.0,
         }
+    }
+
+    /// Enters the confidence of an event that accounts for the share `shared` of its parts' weight; `more` are the
+    /// numbers of times that states last which are no track, such as an absence.
+    fn sure(&self, event: Event, nodes: &[usize], more: Option<usize>, shared: f64) -> Event {
+        let lasting = nodes.iter().map(|&n| self.lasting[n]).chain(more).min().unwrap_or(0);
+        let confidence = shared.clamp(0.0, 1.0) * lasting as f64 / (lasting + self.persistence) as f64;
+        Event { confidence, ..event }
+    }
+
+    /// The least share of weight, of `node` and of each of the parts that it is linked to, that the links carry; `own`
+    /// and `other` are their ends.
+    fn carried(&self, node: usize, links: &[Shared], own: fn(&Shared) -> f64, other: fn(&Shared) -> f64) -> f64 {
+        let weight = |n: usize| self.nodes.list[n].weight;
+        let of_node = links.iter().map(own).sum::<f64>() / weight(node);
+        links.iter().map(|s| other(s) / weight(s.other)).fold(of_node, f64::min)
     }
 
     fn component_events(&self) -> Vec<Event> {
@@ -136,22 +156,28 @@ impl History<'_> {
             let parents: Vec<usize> = self.graph.parents[node].iter().map(|s| s.other).collect();
             if children.len() > 1 {
                 let to = children.iter().map(|&c| time(c)).max().unwrap_or(at);
-                events.push(self.event(EventKind::Split, at, to, &[node], &children));
+                let event = self.event(EventKind::Split, at, to, &[node], &children);
+                let carried = self.carried(node, &self.graph.children[node], |s| s.before, |s| s.after);
+                events.push(self.sure(event, &[&[node], &children[..]].concat(), None, carried));
             }
             if parents.len() > 1 {
                 let from = parents.iter().map(|&p| time(p)).min().unwrap_or(at);
-                events.push(self.event(EventKind::Merge, from, at, &parents, &[node]));
+                let event = self.event(EventKind::Merge, from, at, &parents, &[node]);
+                let carried = self.carried(node, &self.graph.parents[node], |s| s.after, |s| s.before);
+                events.push(self.sure(event, &[&[node], &parents[..]].concat(), None, carried));
             }
             let last = self.frames.len() - 1;
             if children.is_empty()
-                && let Some(to) = self.gone(node, at + 1..=last)
+                && let Some((to, absent)) = self.gone(node, at + 1..=last)
             {
-                events.push(self.event(EventKind::Vanish, at, to, &[node], &[]));
+                let event = self.event(EventKind::Vanish, at, to, &[node], &[]);
+                events.push(self.sure(event, &[node], Some(absent), 1.0));
             }
             if parents.is_empty()
-                && let Some(from) = self.gone(node, (0..at).rev())
+                && let Some((from, absent)) = self.gone(node, (0..at).rev())
             {
-                events.push(self.event(EventKind::Appear, from, at, &[], &[node]));
+                let event = self.event(EventKind::Appear, from, at, &[], &[node]);
+                events.push(self.sure(event, &[node], Some(absent), 1.0));
             }
         }
         events
@@ -159,8 +185,8 @@ impl History<'_> {
 
     /// Returns the first of `times`, going away from the node, from which its absence is certain: times at which at
     /// least half of its weight lies in components that are not kept are skipped, and at least `persistence` times must
-    /// be left.
-    fn gone(&self, node: usize, times: impl Iterator<Item = usize>) -> Option<usize> {
+    /// be left, whose number is returned too.
+    fn gone(&self, node: usize, times: impl Iterator<Item = usize>) -> Option<(usize, usize)> {
         let own = &self.nodes.list[node];
         let frame = &self.frames[own.time];
         let mut absent = times.skip_while(|&time| {
@@ -175,29 +201,32 @@ impl History<'_> {
             hidden >= 0.5 * own.weight
         });
         let first = absent.next()?;
-        (absent.count() + 1 >= self.persistence).then_some(first)
+        let count = absent.count() + 1;
+        (count >= self.persistence).then_some((first, count))
     }
 
     fn segment_events(&self, present: &[bool]) -> Vec<Event> {
         let mut events = Vec::new();
-        let mut before: Option<(bool, usize)> = None;
+        // whether it was present, until when, and for how many times
+        let mut before: Option<(bool, usize, usize)> = None;
         let mut start = 0;
         for run in present.chunk_by(|a, b| a == b) {
             if run.len() >= self.persistence {
-                if let Some((was, end)) = before
+                if let Some((was, end, lasted)) = before
                     && was != run[0]
                 {
                     let at = |time: usize| -> Vec<usize> {
                         let kept = |n: &usize| self.nodes.kept[*n] && self.nodes.list[*n].time == time;
                         (0..self.nodes.list.len()).filter(kept).collect()
                     };
-                    events.push(if was {
+                    let event = if was {
                         self.event(EventKind::SegmentVanish, end, start, &at(end), &[])
                     } else {
                         self.event(EventKind::SegmentAppear, end, start, &[], &at(start))
-                    });
+                    };
+                    events.push(self.sure(event, &[], Some(lasted.min(run.len())), 1.0));
                 }
-                before = Some((run[0], start + run.len() - 1));
+                before = Some((run[0], start + run.len() - 1, run.len()));
             }
             start += run.len();
         }
@@ -213,7 +242,8 @@ impl History<'_> {
             .filter(|(first, last)| first != last)
             .map(|(first, last)| {
                 let times = (self.nodes.list[first].time, self.nodes.list[last].time);
-                self.event(EventKind::Continue, times.0, times.1, &[first], &[last])
+                let event = self.event(EventKind::Continue, times.0, times.1, &[first], &[last]);
+                self.sure(event, &[last], None, 1.0)
             })
             .collect()
     }

@@ -5,6 +5,7 @@ pub mod eigen;
 pub(crate) mod event;
 pub mod events;
 pub mod follow;
+pub mod motion;
 pub(crate) mod overlap;
 pub mod report;
 pub mod statistics;

@@ -2,8 +2,9 @@
 //! caller draws them, and written at once; nothing is there before [`ReportFolder::finish`].
 
 use super::follow::Followup;
-use super::statistics::SegmentStatistics;
-use super::tables::{events_csv, statistics_csv, to_json, tracks_csv};
+use super::statistics::{SegmentStatistics, Status};
+use super::tables::{Unit, columns_csv, events_csv, statistics_csv, to_json, tracks_csv};
+use crate::data::Calibration;
 use crate::draw::plot::{Series, line_plot};
 use crate::draw::views::view_sheet;
 use crate::export::images::{encode_gray_png, encode_png, to_rgb8};
@@ -120,21 +121,22 @@ impl ReportFolder {
     }
 
     /// Writes tables and plots and publishes the folder, replacing an earlier one. The areas of the pictures, which are
-    /// of the same times, are entered into the statistics.
+    /// of the same times, are entered into the statistics, which are in the units of `calibration`.
     ///
     /// # Errors
     /// [`ReportError`]; an earlier folder then stays.
-    pub fn finish(self, found: &mut Followup) -> Result<(), ReportError> {
+    pub fn finish(self, found: &mut Followup, calibration: &Calibration) -> Result<(), ReportError> {
         for (row, (area, share)) in found.statistics.iter_mut().zip(&self.areas) {
             (row.projected_area, row.projected_share) = (Some(*area), Some(*share));
         }
         let json = to_json(&found.statistics).map_err(|source| self.json("statistics.json", source))?;
         self.put("statistics.json", json.as_bytes())?;
         self.put("statistics.csv", statistics_csv(&found.statistics).as_bytes())?;
+        self.put("columns.csv", columns_csv(calibration).as_bytes())?;
         self.put("events.csv", events_csv(&found.name, &found.tracking.events).as_bytes())?;
         self.put("tracks.csv", tracks_csv(&found.name, &found.tracking.points).as_bytes())?;
-        self.put("over-time.svg", over_time(found).as_bytes())?;
-        self.put("velocity-over-time.svg", velocity_over_time(found).as_bytes())?;
+        self.put("over-time.svg", over_time(found, calibration).as_bytes())?;
+        self.put("velocity-over-time.svg", velocity_over_time(found, calibration).as_bytes())?;
         self.put_png("times.png", encode_png(&view_sheet(&self.sheet, 4, SHEET_CELL)))?;
         Ok(self.folder.commit_replacing(&KIND, &[])?)
     }
@@ -154,26 +156,39 @@ impl ReportFolder {
     }
 }
 
-/// Plots how much of the segment there is, each measure as a fraction of its largest value.
-fn over_time(found: &Followup) -> String {
-    let share = |name: &str, value: &dyn Fn(&SegmentStatistics) -> f64| {
-        let largest = found.statistics.iter().map(value).fold(0.0, f64::max).max(1e-12);
-        let points = found.statistics.iter().map(|s| (s.time, value(s) / largest)).collect();
-        Series { name: name.into(), points }
-    };
-    let series = [
-        share("opacity", &|s| s.opacity),
-        share("volume", &|s| s.volume),
-        share("visible", &|s| s.visible as f64),
-        share("projected area", &|s| s.projected_share.unwrap_or(f64::NAN)),
-    ];
-    line_plot(&found.name, "time", "fraction of maximum", &series)
+/// The time axis: its label, and the place of a row on it.
+fn time_axis(calibration: &Calibration) -> String {
+    format!("time [{}]", calibration.time_unit())
 }
 
-/// Plots the velocity of the centroid and its magnitude.
-fn velocity_over_time(found: &Followup) -> String {
+fn time(row: &SegmentStatistics) -> f64 {
+    row.physical_time.unwrap_or(row.time)
+}
+
+/// Plots how much of the segment there is, each measure as a fraction of its largest value, which the legend states.
+/// Times at which it is lost are gaps.
+fn over_time(found: &Followup, calibration: &Calibration) -> String {
+    let share = |name: &str, unit: &str, value: &dyn Fn(&SegmentStatistics) -> f64| {
+        let known = |s: &SegmentStatistics| if s.status == Status::Lost { f64::NAN } else { value(s) };
+        let largest = found.statistics.iter().map(known).filter(|v| v.is_finite()).fold(0.0, f64::max);
+        let points = found.statistics.iter().map(|s| (time(s), known(s) / largest.max(1e-300))).collect();
+        Series { name: format!("{name}, of {largest:.4} {unit}").trim_end().into(), points }
+    };
+    let volume = Unit::Volume.name(calibration);
+    let series = [
+        share("volume", &volume, &|s| s.volume),
+        share("opaque core", &volume, &|s| s.opaque_core_volume),
+        share("opacity", "", &|s| s.opacity),
+        share("projected area", "of the picture", &|s| s.projected_share.unwrap_or(f64::NAN)),
+        share("counted share", "", &|s| s.counted_share.unwrap_or(f64::NAN)),
+    ];
+    line_plot(&found.name, &time_axis(calibration), "fraction of maximum", &series)
+}
+
+/// Plots the velocity of the centroid and its magnitude; times at which the segment is lost are gaps.
+fn velocity_over_time(found: &Followup, calibration: &Calibration) -> String {
     let curve = |name: &str, value: &dyn Fn([f64; 3]) -> f64| {
-        let points = found.statistics.iter().map(|s| (s.time, s.velocity.map_or(f64::NAN, value))).collect();
+        let points = found.statistics.iter().map(|s| (time(s), s.velocity.map_or(f64::NAN, value))).collect();
         Series { name: name.into(), points }
     };
     let series = [
@@ -182,5 +197,6 @@ fn velocity_over_time(found: &Followup) -> String {
         curve("y", &|v| v[1]),
         curve("z", &|v| v[2]),
     ];
-    line_plot(&found.name, "time", "world units per unit time", &series)
+    let unit = format!("velocity [{}]", Unit::Speed.name(calibration));
+    line_plot(&found.name, &time_axis(calibration), &unit, &series)
 }

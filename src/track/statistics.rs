@@ -1,80 +1,92 @@
-//! Statistics of a segment at one time (how many Gaussians are visible, where it is, how large it is), and its velocity
-//! over times. Tables are written in `tables`, changes of topology are found in `events`.
+//! Statistics of a segment at one time: how many of its Gaussians are visible, where it is, how large it is, and how far
+//! that can be relied on. Where a segment is, `segment::place` says. Velocities are found in `motion`, tables are
+//! written in `tables`, changes of topology are found in `events`.
 
-use super::eigen::{Matrix, rotation, sandwich, symmetric_eigen};
+use super::eigen::{rotation, symmetric_eigen};
 use super::volume::{Ellipsoid, union_volume};
+use crate::data::Calibration;
 use crate::points::PointsError;
 use crate::points::chunks::{finite, map_chunks, point};
 use crate::points::error::check_len;
+use crate::segment::place::{Cloud, Measure, bell::INVISIBLE};
 use serde::{Deserialize, Serialize};
 
-/// All Gaussians of a scene at one time.
-#[derive(Debug, Clone, Copy)]
-pub struct Gaussians<'a> {
-    /// `[N, 3]`, world units.
-    pub means: &'a [f32],
-    /// `[N]`, linear opacity 0..1.
-    pub opacity: &'a [f32],
-    /// `[N, 3]`, natural log of the standard deviations.
-    pub log_scales: &'a [f32],
-    /// `[N, 4]`, `wxyz`, of any length.
-    pub rotations: &'a [f32],
-    /// `[N, 3]` RGB, or empty if no mean colour is wanted.
-    pub colours: &'a [f32],
+/// Minimum opacity of a Gaussian of the opaque core.
+const CORE_OPACITY: f32 = 0.1;
+
+/// How far a row can be relied on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// The segment is where the row says.
+    #[default]
+    Tracked,
+    /// Less than half of the segment supports the row: of its content, or of the Gaussians that are at its place.
+    Weak,
+    /// The segment is nowhere, or hardly anything of it is left; the row has no velocity.
+    Lost,
 }
 
-/// Settings of [`segment_statistics`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct StatisticsConfig {
-    /// Opacity above which a Gaussian counts as visible.
-    pub min_opacity: f32,
-    /// Minimum opacity of a Gaussian that adds to the volume.
-    pub volume_opacity: f32,
-    /// Size of the ellipsoids of the volume in standard deviations.
-    pub volume_sigmas: f32,
-    /// Cell side of the volume in world units; `None` for 1/64 of the longest side of the bounding box. Use one cell
-    /// side for all times to compare them.
-    pub volume_cell: Option<f32>,
-}
-
-impl Default for StatisticsConfig {
-    /// Visible above 1/255; volume of the 1-sigma ellipsoids with an opacity of 0.1 or more.
-    fn default() -> Self {
-        Self { min_opacity: 1.0 / 255.0, volume_opacity: 0.1, volume_sigmas: 1.0, volume_cell: None }
+impl Status {
+    /// Its word in tables.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Tracked => "tracked",
+            Self::Weak => "weak",
+            Self::Lost => "lost",
+        }
     }
 }
 
-/// Statistics of a segment at one time. Positions are `None` if no Gaussian is visible; the names are the columns of
-/// the CSV.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// Statistics of a segment at one time, in scene units until [`SegmentStatistics::calibrate`]. Positions are `None` if
+/// the segment is nowhere; the names are those of the columns, see [`super::tables::COLUMNS`].
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct SegmentStatistics {
     /// Name of the segment.
     pub segment: String,
-    /// Time.
+    /// Time in [0, 1].
     pub time: f64,
+    /// The same in the data's unit; `None` where it is unknown.
+    pub physical_time: Option<f64>,
+    /// How far the row can be relied on.
+    pub status: Status,
+    /// Share of the segment's content whose Gaussians lie in its place; `None` if none of them is visible.
+    pub counted_share: Option<f64>,
+    /// Dice coefficient, by content at the time that the segment was found at, between the segment's Gaussians and those
+    /// that lie in its place at this time, followed back; `None` if there are none.
+    pub consistency: Option<f64>,
+    /// Distance to the nearest time with training views; `None` if they are unknown.
+    pub trained_distance: Option<f64>,
     /// Number of Gaussians in the segment.
     pub gaussians: usize,
-    /// Number of Gaussians more opaque than the threshold, with finite parameters.
+    /// Number of visible ones (opacity of at least 1/255), with finite parameters.
     pub visible: usize,
-    /// Sum of the opacities of the visible Gaussians.
+    /// Sum of their opacities.
     pub opacity: f64,
-    /// Opacity-weighted mean of the means, world units.
+    /// Sum of their contents, the extinction density summed over space, an area.
+    pub extinction: f64,
+    /// Mean of the place weighted by local opacity.
     pub centroid: Option<[f64; 3]>,
-    /// Change of the centroid per unit time; `None` before [`fill_velocities`] and if no neighbouring time has a
-    /// centroid.
+    /// Change of the centroid per unit time, see [`super::motion`].
     pub velocity: Option<[f64; 3]>,
-    /// Lower corner of the box around means +- 1 standard deviation along the axes.
+    /// Lower corner of the box around the place.
     pub box_min: Option<[f64; 3]>,
     /// Upper corner of that box.
     pub box_max: Option<[f64; 3]>,
-    /// Unit principal axes (rows, longest first) of the opacity-weighted mixture's covariance.
+    /// Unit principal axes (rows, longest first) of the place weighted by local opacity.
     pub axes: Option<[[f64; 3]; 3]>,
-    /// Standard deviations of the mixture along those axes, world units.
+    /// Standard deviations of the place along those axes.
     pub extents: Option<[f64; 3]>,
-    /// Volume of the union of the ellipsoids on a grid, cubic world units; see [`union_volume`].
+    /// Volume of the place.
     pub volume: f64,
-    /// Cell side of that grid.
-    pub volume_cell: f64,
+    /// Volume of the part of the place that no picture shows.
+    pub hidden_volume: f64,
+    /// Volume of the union of the one-sigma ellipsoids of its Gaussians of an opacity of at least 0.1, see
+    /// [`union_volume`].
+    pub opaque_core_volume: f64,
+    /// Side of the cells on which all of this is measured.
+    pub cell_size: f64,
     /// Opacity-weighted mean colour.
     pub colour: Option<[f64; 3]>,
     /// Pixels that the segment alone covers in a picture; `None` if none was drawn.
@@ -85,185 +97,120 @@ pub struct SegmentStatistics {
     pub projected_share: Option<f64>,
 }
 
+impl SegmentStatistics {
+    /// Enters where the segment is, on cells of side `cell_size`; `None` if it is nowhere.
+    pub fn locate(&mut self, found: Option<&Measure>, counted_share: Option<f64>, cell_size: f64) {
+        (self.counted_share, self.cell_size) = (counted_share, cell_size);
+        let Some(found) = found else { return };
+        let (values, axes) = symmetric_eigen(found.covariance);
+        self.axes = Some(axes);
+        self.extents = Some(values.map(|v| v.max(0.0).sqrt()));
+        (self.centroid, self.box_min, self.box_max) = (Some(found.centroid), Some(found.box_min), Some(found.box_max));
+        (self.volume, self.hidden_volume) = (found.volume, found.hidden_volume);
+    }
+
+    /// Converts lengths, times and what is made of them from scene units to those of the data, where these are known.
+    pub fn calibrate(&mut self, calibration: &Calibration) {
+        let (length, speed) = (calibration.length_scale(), calibration.speed_scale());
+        self.physical_time = calibration.time.as_ref().map(|t| t.time(self.time));
+        self.trained_distance = self.trained_distance.map(|d| d * calibration.duration());
+        for place in [&mut self.centroid, &mut self.box_min, &mut self.box_max] {
+            *place = place.map(|p| calibration.position(p));
+        }
+        self.velocity = self.velocity.map(|v| v.map(|c| c * speed));
+        self.extents = self.extents.map(|e| e.map(|c| c * length));
+        self.extinction *= length * length;
+        self.cell_size *= length;
+        for volume in [&mut self.volume, &mut self.hidden_volume, &mut self.opaque_core_volume] {
+            *volume *= length.powi(3);
+        }
+    }
+}
+
 /// One visible Gaussian.
 struct Visible {
-    mean: [f64; 3],
-    weight: f64,
-    rotation: Matrix,
-    scales: [f64; 3],
-    covariance: Matrix,
+    opacity: f64,
+    content: f64,
+    body: Ellipsoid,
     colour: Option<[f64; 3]>,
 }
 
-/// Sums over visible Gaussians, about `origin`.
-#[derive(Default)]
-struct Sums {
-    count: usize,
-    weight: f64,
-    first: [f64; 3],
-    second: Matrix,
-    colour: [f64; 3],
-    colour_weight: f64,
-}
-
-/// Computes the statistics of the Gaussians `members` (indices into the scene) at one time, without the velocity, see
-/// [`fill_velocities`].
+/// Computes the statistics that need no place: of the Gaussians `members` (indices into the scene) with linear RGB
+/// `colours` `[N, 3]`, or none, at one time; `cell` is the side of the cells of the opaque core.
 ///
 /// Gaussians with a non-finite mean, scale, rotation or opacity are not visible. Sums run over fixed chunks in order.
 ///
 /// # Errors
-/// If slices have different numbers of Gaussians, a member is outside the scene, or a volume cell or size is not
-/// positive.
+/// If slices have different numbers of Gaussians, a member is outside the scene, or the cell is not positive.
 pub fn segment_statistics(
-    scene: &Gaussians<'_>,
+    scene: &Cloud<'_>,
+    colours: &[f32],
     members: &[u32],
     segment: &str,
     time: f64,
-    config: &StatisticsConfig,
+    cell: f64,
 ) -> Result<SegmentStatistics, PointsError> {
-    check(scene, members, config)?;
+    check(scene, colours, members)?;
+    crate::points::error::check_positive("cell", cell as f32)?;
     let parts = map_chunks(members.len(), |range| {
-        members[range].iter().filter_map(|&i| visible(scene, i as usize, config.min_opacity)).collect::<Vec<_>>()
+        members[range].iter().filter_map(|&i| visible(scene, colours, i as usize)).collect::<Vec<_>>()
     });
-    let origin = parts.iter().flatten().next().map_or([0.0; 3], |v| v.mean);
-    let sums = total(&parts, origin);
-    let mut out = SegmentStatistics {
+    let all = || parts.iter().flatten();
+    let (mut sum, mut weight) = ([0.0; 3], 0.0);
+    for (colour, opacity) in all().filter_map(|v| Some((v.colour?, v.opacity))) {
+        weight += opacity;
+        (0..3).for_each(|k| sum[k] += opacity * colour[k]);
+    }
+    let core: Vec<Ellipsoid> = all().filter(|v| v.opacity >= f64::from(CORE_OPACITY)).map(|v| v.body).collect();
+    Ok(SegmentStatistics {
         segment: segment.to_owned(),
         time,
         gaussians: members.len(),
-        visible: sums.count,
-        opacity: sums.weight,
-        centroid: None,
-        velocity: None,
-        box_min: None,
-        box_max: None,
-        axes: None,
-        extents: None,
-        volume: 0.0,
-        volume_cell: f64::from(config.volume_cell.unwrap_or(0.0)),
-        colour: (sums.colour_weight > 0.0).then(|| sums.colour.map(|c| c / sums.colour_weight)),
-        projected_area: None,
-        projected_share: None,
-    };
-    if sums.count == 0 {
-        return Ok(out);
-    }
-    let shift = sums.first.map(|v| v / sums.weight);
-    out.centroid = Some([0, 1, 2].map(|a| origin[a] + shift[a]));
-    let mut covariance = sums.second;
-    for i in 0..3 {
-        for j in 0..3 {
-            covariance[i][j] = covariance[i][j] / sums.weight - shift[i] * shift[j];
-        }
-    }
-    let (values, axes) = symmetric_eigen(covariance);
-    out.axes = Some(axes);
-    out.extents = Some(values.map(|v| v.max(0.0).sqrt()));
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for v in parts.iter().flatten() {
-        for a in 0..3 {
-            let sigma = v.covariance[a][a].max(0.0).sqrt();
-            low[a] = low[a].min(v.mean[a] - sigma);
-            high[a] = high[a].max(v.mean[a] + sigma);
-        }
-    }
-    (out.box_min, out.box_max) = (Some(low), Some(high));
-    let longest = (0..3).map(|a| high[a] - low[a]).fold(0.0, f64::max);
-    let cell = config.volume_cell.map_or(longest / 64.0, f64::from).max(f64::MIN_POSITIVE);
-    let bodies: Vec<Ellipsoid> = parts
-        .iter()
-        .flatten()
-        .filter(|v| v.weight >= f64::from(config.volume_opacity))
-        .map(|v| Ellipsoid {
-            centre: v.mean,
-            rotation: v.rotation,
-            half_axes: v.scales.map(|s| (s * f64::from(config.volume_sigmas)).max(f64::MIN_POSITIVE)),
-        })
-        .collect();
-    (out.volume, out.volume_cell) = union_volume(&bodies, cell);
-    Ok(out)
+        visible: all().count(),
+        opacity: all().map(|v| v.opacity).sum(),
+        extinction: all().map(|v| v.content).sum(),
+        opaque_core_volume: union_volume(&core, cell).0,
+        cell_size: cell,
+        colour: (weight > 0.0).then(|| sum.map(|c| c / weight)),
+        ..SegmentStatistics::default()
+    })
 }
 
-fn check(scene: &Gaussians<'_>, members: &[u32], config: &StatisticsConfig) -> Result<(), PointsError> {
+fn check(scene: &Cloud<'_>, colours: &[f32], members: &[u32]) -> Result<(), PointsError> {
     let count = scene.opacity.len();
     check_len("means", scene.means.len(), 3 * count, "[N, 3]")?;
     check_len("log_scales", scene.log_scales.len(), 3 * count, "[N, 3]")?;
     check_len("rotations", scene.rotations.len(), 4 * count, "[N, 4]")?;
-    if !scene.colours.is_empty() {
-        check_len("colours", scene.colours.len(), 3 * count, "[N, 3]")?;
+    if !colours.is_empty() {
+        check_len("colours", colours.len(), 3 * count, "[N, 3]")?;
     }
-    if let Some(&index) = members.iter().find(|&&i| i as usize >= count) {
-        return Err(PointsError::Index { field: "members", index, count });
+    match members.iter().find(|&&i| i as usize >= count) {
+        Some(&index) => Err(PointsError::Index { field: "members", index, count }),
+        None => Ok(()),
     }
-    crate::points::error::check_positive("volume_sigmas", config.volume_sigmas)?;
-    config.volume_cell.map_or(Ok(()), |cell| crate::points::error::check_positive("volume_cell", cell))
 }
 
-fn visible(scene: &Gaussians<'_>, i: usize, min_opacity: f32) -> Option<Visible> {
+fn visible(scene: &Cloud<'_>, colours: &[f32], i: usize) -> Option<Visible> {
     let opacity = scene.opacity[i];
     let (mean, logs) = (point(scene.means, i), point(scene.log_scales, i));
     let quaternion = [0, 1, 2, 3].map(|k| scene.rotations[4 * i + k]);
     let usable =
-        opacity.is_finite() && opacity > min_opacity && finite(mean) && quaternion.iter().all(|q| q.is_finite());
+        opacity.is_finite() && opacity >= INVISIBLE && finite(mean) && quaternion.iter().all(|q| q.is_finite());
     let scales = logs.map(|s| f64::from(s).exp());
     if !usable || scales.iter().any(|s| !(s * s).is_finite()) {
         return None;
     }
-    let rotation = rotation(quaternion);
-    let colour = scene.colours.get(3 * i..3 * i + 3).map(|c| [0, 1, 2].map(|k| f64::from(c[k])));
+    let colour = colours.get(3 * i..3 * i + 3).map(|c| [0, 1, 2].map(|k| f64::from(c[k])));
     Some(Visible {
-        mean: mean.map(f64::from),
-        weight: f64::from(opacity),
-        rotation,
-        scales,
-        covariance: sandwich(&rotation, scales.map(|s| s * s)),
+        opacity: f64::from(opacity),
+        content: scene.content(i),
+        body: Ellipsoid {
+            centre: mean.map(f64::from),
+            rotation: rotation(quaternion),
+            half_axes: scales.map(|s| s.max(f64::MIN_POSITIVE)),
+        },
         colour: colour.filter(|c| c.iter().all(|v| v.is_finite())),
     })
-}
-
-fn total(parts: &[Vec<Visible>], origin: [f64; 3]) -> Sums {
-    let mut sums = Sums::default();
-    for v in parts.iter().flatten() {
-        sums.count += 1;
-        sums.weight += v.weight;
-        let d = [0, 1, 2].map(|a| v.mean[a] - origin[a]);
-        for i in 0..3 {
-            sums.first[i] += v.weight * d[i];
-            for j in 0..3 {
-                sums.second[i][j] += v.weight * (d[i] * d[j] + v.covariance[i][j]);
-            }
-        }
-        if let Some(colour) = v.colour {
-            sums.colour_weight += v.weight;
-            (0..3).for_each(|k| sums.colour[k] += v.weight * colour[k]);
-        }
-    }
-    sums
-}
-
-/// Fills in the velocities of one segment's statistics, given in order of time, from the centroids of the neighbouring
-/// times that have one: with both neighbours, the second-order difference for uneven steps (exact for constant
-/// acceleration); at an end, the one-sided difference. A time without a centroid, or without any neighbour, gets
-/// `None`.
-pub fn fill_velocities(series: &mut [SegmentStatistics]) {
-    let knots: Vec<(f64, Option<[f64; 3]>)> = series.iter().map(|s| (s.time, s.centroid)).collect();
-    // A time without a centroid, or the same time, is no neighbour.
-    let slope = |i: usize, j: usize| {
-        let (from, to) = (knots.get(i)?, knots.get(j)?);
-        let (step, a, b) = (to.0 - from.0, from.1?, to.1?);
-        (step != 0.0 && step.is_finite()).then(|| (step, [0, 1, 2].map(|k| (b[k] - a[k]) / step)))
-    };
-    for (i, entry) in series.iter_mut().enumerate() {
-        let before = i.checked_sub(1).and_then(|j| slope(j, i));
-        let after = slope(i, i + 1);
-        entry.velocity = match (before, after) {
-            (Some((h0, v0)), Some((h1, v1))) if h0 + h1 != 0.0 => {
-                Some([0, 1, 2].map(|k| (h1 * v0[k] + h0 * v1[k]) / (h0 + h1)))
-            }
-            (Some((_, v)), _) | (None, Some((_, v))) => Some(v),
-            (None, None) => None,
-        };
-    }
 }
 
 #[cfg(test)]

@@ -29,11 +29,11 @@ pub struct Track {
     pub segments: Vec<String>,
     /// Times in [0, 1].
     pub times: Vec<f64>,
-    /// Volume at each, in cubic scene units.
+    /// Volume of its place at each, in cubic units of the data.
     pub volume: Vec<f64>,
-    /// Centroid at each, in scene units; `None` where nothing is visible.
+    /// Centroid at each, in units of the data; `None` where it is nowhere.
     pub centroid: Vec<Option<[f64; 3]>>,
-    /// Speed of the centroid at each, in scene units per unit of time.
+    /// Speed of the centroid at each, in units of the data; `None` where it is lost.
     pub speed: Vec<Option<f64>>,
     /// Events of its parts.
     pub events: Vec<TrackEvent>,
@@ -227,6 +227,7 @@ mod tests {
             children: children.to_vec(),
             parent_weights: Vec::new(),
             child_weights: Vec::new(),
+            confidence: 1.0,
         };
         let events = vec![event(EventKind::Continue, &[1], &[1]), event(EventKind::Split, &[1], &[2, 3])];
         let tracking = Tracking { events, points: Vec::new() };

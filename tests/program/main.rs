@@ -15,6 +15,7 @@ mod labels;
 mod limits;
 mod lpips_convert;
 mod masks;
+mod measures;
 mod moved;
 mod orientations;
 mod outputs;

@@ -234,7 +234,7 @@ fn labels_are_index_for_index_on_volumes_in_every_orientation() {
 
             let plan = LabelPlan { data: Some(data.clone()), ..LabelPlan::default() };
             let labels = Labels::new(&run, &plan).unwrap();
-            let ids = labels.at(0.0).unwrap();
+            let ids = labels.at(0.0).unwrap().ids;
             let written = root.join(format!("{}-{extension}.{labels_extension}", stored.name));
             let format = if extension == "vti" { LabelFormat::Vti } else { LabelFormat::Nrrd(None) };
             write_labels(&written, &labels, &ids, false, format).unwrap();

@@ -1,14 +1,14 @@
 //! `volseggs export` to NRRD and VTI: segment labels on the voxels of the volume, and their agreement with the ground
 //! truth.
 
-use super::super::values::not_negative_f32;
+use super::super::values::fraction_f32;
 use super::super::{CliError, print_json};
 use super::ExportArgs;
 use crate::data::calibration::AxisConvention;
 use crate::log::progress;
 use crate::run::OpenRun;
 use crate::run::export::{LabelFormat, Output, Record, write_labels};
-use crate::run::labels::{Agreement, LabelPlan, Labels, Truth};
+use crate::run::labels::{Agreement, LabelPlan, Labelled, Labels, Truth};
 use crate::segment::dice::Confusion;
 use crate::volume::directions::Directions;
 use crate::volume::grid::Grid;
@@ -27,9 +27,9 @@ pub(super) struct LabelArgs {
     /// Volume file whose voxels to label, at their places: number, spacing, origin and directions.
     #[arg(long, value_name = "VOLUME")]
     like: Option<PathBuf>,
-    /// Density of Gaussians above which a voxel belongs to a segment; lower values enlarge segments, higher ones shrink
-    /// them [default: 0.1].
-    #[arg(long, value_name = "DENSITY", value_parser = not_negative_f32, allow_negative_numbers = true)]
+    /// Share of a segment's typical opacity down to which a voxel belongs to it; lower values enlarge segments, higher
+    /// ones shrink them [default: 0.5].
+    #[arg(long, value_name = "SHARE", value_parser = fraction_f32, allow_negative_numbers = true)]
     threshold: Option<f32>,
     /// Label the scene with the edits of the run applied; if not given, as trained.
     #[arg(long, conflicts_with = "no_edits")]
@@ -123,6 +123,8 @@ struct Written {
     time: f64,
     /// Voxels of each label, in the order of `labels`.
     voxels: Vec<u64>,
+    /// Share of each segment's content whose Gaussians lie in its place; `null` if none is visible.
+    counted_shares: Vec<Option<f64>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     agreement: Option<Agreement>,
 }
@@ -156,7 +158,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Resu
     let mut volumes = Vec::with_capacity(times.len());
     let mut whole = Confusion::default();
     for (i, &time) in times.iter().enumerate() {
-        let ids = labels.at(time)?;
+        let Labelled { ids, shares } = labels.at(time)?;
         let (path, name) = output.place(i);
         write_labels(&path, &labels, &ids, options.edited, format)?;
         let mut agreement = None;
@@ -166,7 +168,13 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Resu
             whole.merge(&pairs);
         }
         let file = name.display().to_string();
-        volumes.push(Written { file, time, voxels: count(&ids, labels.names.len()), agreement });
+        volumes.push(Written {
+            file,
+            time,
+            voxels: count(&ids, labels.names.len()),
+            counted_shares: shares,
+            agreement,
+        });
         bar.inc(1);
     }
     bar.finish_and_clear();
@@ -223,8 +231,12 @@ fn print(found: &Report) -> Result<(), CliError> {
         found.unit.as_deref().unwrap_or("unknown")
     );
     for volume in &found.volumes {
-        let share = |(label, n): (&Label, &u64)| format!("{} {n}", label.name);
-        let voxels: Vec<String> = found.labels.iter().zip(&volume.voxels).map(share).collect();
+        let share = |((label, n), share): ((&Label, &u64), &Option<f64>)| match share {
+            Some(share) => format!("{} {n} ({:.0} % of its content)", label.name, 100.0 * share),
+            None => format!("{} {n}", label.name),
+        };
+        let counts = found.labels.iter().zip(&volume.voxels).zip(&volume.counted_shares);
+        let voxels: Vec<String> = counts.map(share).collect();
         outln!("{}  t = {:.3}  {}", volume.file, volume.time, voxels.join(", "));
         let mean = volume.agreement.as_ref().and_then(|a| a.mean_dice);
         if let Some(mean) = mean.filter(|_| found.volumes.len() > 1) {

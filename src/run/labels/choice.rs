@@ -2,7 +2,8 @@
 
 use crate::segment::segmentation::{Origin, Segmentation, SegmentationError};
 
-/// Names of segments, labelled from 1 in this order, and the label of each Gaussian (0 for none).
+/// Names of segments, labelled from 1 in this order, and the label of each Gaussian: 0 for none; above the number of
+/// names, one for each other segment without parts, as it occupies places too.
 #[derive(Debug, PartialEq)]
 pub(super) struct Choice {
     pub names: Vec<String>,
@@ -23,7 +24,9 @@ pub(super) fn choose(all: &Segmentation, asked: &[String]) -> Result<Choice, Seg
                 names.push(name.clone());
             }
         }
-        return Ok(Choice { labels: all.labels(&names)?, names });
+        let mut labels = all.labels(&names)?;
+        add_others(all, names.len() as u32, &mut labels)?;
+        return Ok(Choice { labels, names });
     }
     let (mut names, mut groups) = (Vec::new(), Vec::new());
     for name in all.leaves() {
@@ -42,6 +45,21 @@ pub(super) fn choose(all: &Segmentation, asked: &[String]) -> Result<Choice, Seg
         }
     }
     Ok(Choice { names, labels })
+}
+
+/// Gives each segment without parts a label above `last` on those of its Gaussians that have none.
+fn add_others(all: &Segmentation, last: u32, labels: &mut [u32]) -> Result<(), SegmentationError> {
+    for (label, name) in (last + 1..).zip(all.leaves()) {
+        let segment = all.get(&name)?;
+        if segment.origin != Origin::Group {
+            for &i in &segment.members {
+                if labels[i as usize] == 0 {
+                    labels[i as usize] = label;
+                }
+            }
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

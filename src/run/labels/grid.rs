@@ -64,6 +64,12 @@ impl LabelGrid {
         gaussians
     }
 
+    /// The place in the scene of a place along the axes of the voxels.
+    #[must_use]
+    pub fn in_scene(&self, place: DVec3) -> DVec3 {
+        self.turn.map_or(place, |turn| turn * place)
+    }
+
     /// The voxels and the meaning of the axes as a file states them: those of the data, or those asked for with
     /// coordinates to match. Axes whose meaning the data do not say are taken to be what is asked for.
     #[must_use]

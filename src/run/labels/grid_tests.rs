@@ -1,7 +1,7 @@
 //! Where the voxels of labels lie in the scene and in files, whatever the directions of their axes.
 
 use super::*;
-use crate::segment::voxels::{LabelledCloud, Vote, label_voxels};
+use crate::segment::place::{Cloud, Places, SHARE, scene_grid};
 use crate::volume::directions::Directions;
 use crate::volume::grid::ScalarType;
 use AxisConvention::{LeftPosteriorSuperior as Lps, RightAnteriorSuperior as Ras};
@@ -153,15 +153,10 @@ fn gaussians_turn_with_the_voxels() {
         ..HostGaussians::zeros(1, 1)
     };
     let vote = |labels: &LabelGrid| {
-        let at = labels.along(one.clone());
-        let cloud = LabelledCloud {
-            means: &at.means,
-            rotations: &at.rotations,
-            log_scales: &at.log_scales,
-            opacity: &at.opacity(),
-            labels: &[1],
-        };
-        label_voxels(&cloud, &labels.scene, &Vote::default()).unwrap()
+        let (turned, opacity) = (labels.along(one.clone()), one.opacity());
+        let places = Places::new(Cloud::new(&one, &opacity, &[1]), &scene_grid([0.0; 3], [0.75; 3]), SHARE).unwrap();
+        let turned = Cloud::new(&turned, &opacity, &[1]);
+        places.labels_on(turned, &labels.scene, |place| labels.in_scene(place)).unwrap()
     };
     let plain = vote(&prepared(&recorded(cube, None), None));
     assert!(plain.iter().filter(|id| **id == 1).count() > 100);

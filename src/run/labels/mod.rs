@@ -1,6 +1,6 @@
 //! Labels of a run's segments on the voxels of its volume: which segments count (`choice`), where the voxels lie
-//! (`grid`), and the ground truth to compare with (`truth`). How Gaussians vote for a voxel is in `segment::voxels`;
-//! the files are written by `export::labels`.
+//! (`grid`), and the ground truth to compare with (`truth`). Where a segment is, `segment::place` says; the files are
+//! written by `export::labels`.
 
 mod choice;
 mod grid;
@@ -14,8 +14,8 @@ use super::{OpenRun, RunError};
 use crate::export::labels::NamedLabel;
 use crate::memory::{Budget, product};
 use crate::prepare::PrepareRecord;
+use crate::segment::place::{Cloud, Places, SHARE, scene_grid};
 use crate::segment::segmentation::Segmentation;
-use crate::segment::voxels::{LabelledCloud, Vote, label_voxels};
 use crate::shell;
 use choice::Choice;
 use std::path::{Path, PathBuf};
@@ -32,7 +32,7 @@ pub struct LabelPlan {
     pub dims: Option<[usize; 3]>,
     /// Volume file whose voxels are used.
     pub like: Option<PathBuf>,
-    /// Density of Gaussians above which a voxel belongs to a segment.
+    /// Share of its typical local opacity down to which a segment is at a place; [`SHARE`] if `None`.
     pub threshold: Option<f32>,
     /// Whether to label the scene with the run's edits, not as trained.
     pub edited: bool,
@@ -42,8 +42,8 @@ pub struct LabelPlan {
 pub struct Labels<'r> {
     run: &'r OpenRun,
     selection: Selection,
-    vote: Vote,
-    /// Label of each Gaussian, 0 for none.
+    share: f32,
+    /// Label of each Gaussian, 0 for none; those above the number of `names` are of segments that are not exported.
     labels: Vec<u32>,
     /// Names of the segments, labelled from 1 in this order.
     pub names: Vec<String>,
@@ -77,25 +77,40 @@ impl<'r> Labels<'r> {
         let record = record.map(|record| record.normalised(&run.record.normalisation));
         let (grid, notes) = grid::choose(run, &data, record.as_ref(), plan.dims, plan.like.as_deref())?;
         check_memory(&grid, plan.like.as_deref())?;
-        let vote = plan.threshold.map_or(Vote::default(), |threshold| Vote { threshold, ..Vote::default() });
-        Ok(Self { run, selection, vote, labels, names, listed, grid, data, notes })
+        let share = plan.threshold.unwrap_or(SHARE);
+        Ok(Self { run, selection, share, labels, names, listed, grid, data, notes })
     }
 
-    /// Returns the labels of the voxels `[z, y, x]` at `time` in [0, 1], x fastest; 0 is none.
+    /// Labels the voxels at `time` in [0, 1].
     ///
     /// # Errors
     /// If an edit cannot be applied, or there are more labels than a volume can hold.
-    pub fn at(&self, time: f64) -> Result<Vec<u16>, RunError> {
-        let at = self.grid.along(self.selection.edited(&self.run.scene, time as f32)?);
-        let cloud = LabelledCloud {
-            means: &at.means,
-            rotations: &at.rotations,
-            log_scales: &at.log_scales,
-            opacity: &at.opacity(),
-            labels: &self.labels,
-        };
-        label_voxels(&cloud, &self.grid.scene, &self.vote).map_err(RunError::input)
+    pub fn at(&self, time: f64) -> Result<Labelled, RunError> {
+        let at = self.selection.edited(&self.run.scene, time as f32)?;
+        let (opacity, spec) = (at.opacity(), &self.run.scene.spec);
+        let grid = scene_grid(spec.centre, spec.half_size);
+        let cloud = Cloud::new(&at, &opacity, &self.labels);
+        let places = Places::new(cloud, &grid, self.share).map_err(RunError::input)?;
+        let turned = self.grid.along(at.clone());
+        let turned = Cloud::new(&turned, &opacity, &self.labels);
+        let in_scene = |place| self.grid.in_scene(place);
+        let mut ids = places.labels_on(turned, &self.grid.scene, in_scene).map_err(RunError::input)?;
+        let last = self.names.len();
+        ids.iter_mut().filter(|id| usize::from(**id) > last).for_each(|id| *id = 0);
+        let mut shares: Vec<Option<f64>> = places.shares().into_iter().skip(1).take(last).collect();
+        shares.resize(last, None);
+        Ok(Labelled { ids, shares })
     }
+}
+
+/// Labels of voxels at one time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Labelled {
+    /// The label of each voxel `[z, y, x]`, x fastest; 0 is none.
+    pub ids: Vec<u16>,
+    /// For each label, the share of the segment's content whose Gaussians lie in its place, in [0, 1]; `None` if none
+    /// of its Gaussians is visible.
+    pub shares: Vec<Option<f64>>,
 }
 
 fn check_memory(grid: &LabelGrid, like: Option<&Path>) -> Result<(), RunError> {

@@ -88,7 +88,7 @@ impl Export<'_> {
         let labels = Labels::new(run, &LabelPlan { segments: self.segments.to_vec(), edited, ..LabelPlan::default() })?;
         let output = self.place(&run.paths().labels(), "labels")?;
         for (i, &time) in self.times.iter().enumerate() {
-            write_labels(&output.place(i).0, &labels, &labels.at(time)?, edited, format)?;
+            write_labels(&output.place(i).0, &labels, &labels.at(time)?.ids, edited, format)?;
             // after the last time there is nothing left to cancel
             if !report.at("times", i + 1, self.times.len(), None) && i + 1 < self.times.len() {
                 return Ok(None);

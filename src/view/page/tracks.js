@@ -5,7 +5,7 @@ import { chosen } from "./segments.js";
 import { goTo, nudge } from "./time.js";
 import { reveal } from "./parts.js";
 import { place, plot, upright, valueAt } from "./plot.js";
-import { coordinate, scale, speedScale, timeText, unit } from "./units.js";
+import { timeText, unit } from "./units.js";
 
 const CHARTS = ["chart-volume", "chart-centroid", "chart-speed"];
 const SPAN = [0, 1];
@@ -44,12 +44,11 @@ function marks() {
 function show() {
   nows = [];
   const line = (values, look) => ({ points: track.times.map((t, k) => [t, values[k]]), look });
-  const times = (values, factor) => values.map((v) => (v === null ? null : factor * v));
-  const axis = (k) => track.centroid.map((c) => (c ? coordinate(c[k], k) : null));
+  const axis = (k) => track.centroid.map((c) => (c ? c[k] : null));
   const options = () => ({ span: SPAN, ends: SPAN.map(timeText), marks: marks() });
-  plot($("chart-volume"), [line(times(track.volume, scale() ** 3), "one")], options());
+  plot($("chart-volume"), [line(track.volume, "one")], options());
   plot($("chart-centroid"), [line(axis(0), "one"), line(axis(1), "two"), line(axis(2), "three")], options());
-  plot($("chart-speed"), [line(times(track.speed, speedScale()), "one")], options());
+  plot($("chart-speed"), [line(track.speed, "one")], options());
   const length = unit("length");
   $("unit-volume").textContent = `(${length === "normalised" ? length : `${length}³`})`;
   $("unit-centroid").textContent = `(${length})`;
