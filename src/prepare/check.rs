@@ -24,11 +24,12 @@ const VOXEL_BYTES: usize = 11;
 /// Accepted lengths in scene units.
 pub const LENGTHS: RangeInclusive<f64> = 1e-6..=1e6;
 
-/// Checks the options, the source and the place of the dataset.
+/// Checks all that [`prepare`](super::prepare) refuses before it renders: the options, the source, the memory, and the
+/// place of the dataset, `out`. Nothing is written.
 ///
 /// # Errors
 /// The first problem, named by its flag or in words.
-pub(super) fn check(
+pub fn check(
     source: &Source,
     transfer: &TransferFunction,
     options: &PrepareOptions,

@@ -32,6 +32,11 @@ pub struct SegmentOptions {
     pub label_images: bool,
 }
 
+impl SegmentOptions {
+    /// No ground truth: no segment alone, no label image, no volume of ids.
+    pub const NONE: Self = Self { views: 0, steps: SegmentSteps::Even(EVEN_STEPS), label_images: false };
+}
+
 impl Default for SegmentOptions {
     fn default() -> Self {
         Self { views: 10, steps: SegmentSteps::default(), label_images: true }

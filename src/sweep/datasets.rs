@@ -7,13 +7,14 @@ use crate::data::dataset::measured_fingerprint;
 use crate::data::paths::FOV_X;
 use crate::data::{Dataset, OpenOptions, SplitName, Transforms, Truth};
 use crate::log::progress;
-use crate::memory::{Budget, product};
 use crate::prepare::views::{Times, ViewOptions};
 use crate::prepare::{
-    EVEN_STEPS, IMAGES, PrepareError, PrepareOptions, SegmentOptions, SegmentSteps, Source, TRUTH, image_count, prepare,
+    self, EVEN_STEPS, IMAGES, PrepareError, PrepareOptions, SegmentOptions, SegmentSteps, Source, TRUTH, image_count,
+    prepare,
 };
 use crate::volume::placement::published_side;
 use crate::volume::raycast::DEFAULT_STEP;
+use crate::volume::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -98,8 +99,12 @@ pub(super) fn datasets(
                 // ground truth made by another version may differ
                 let truth = if spec.segments { format!("truth {TRUTH}") } else { String::new() };
                 let text = recipe(spec).map_err(|e| bad(&e))? + &truth;
+                let folder = out.join("datasets").join(format!("{name}-{}", short_hash(&text)));
+                if !is_rendered(&folder) {
+                    Rendering::new(spec).and_then(|r| r.check(&folder)).map_err(|e| bad(&e))?;
+                }
                 DataPlan {
-                    folder: out.join("datasets").join(format!("{name}-{}", short_hash(&text))),
+                    folder,
                     views: spec.times.saturating_mul(spec.views),
                     test_views: spec.test_views,
                     size: [spec.size; 2],
@@ -178,53 +183,67 @@ impl DataPlan {
     /// If it cannot be rendered, or `stop` was raised.
     pub fn make(&self, stop: &AtomicBool) -> Result<(), SweepError> {
         let DataSource::Synthetic(spec) = &self.source else { return Ok(()) };
-        if SplitName::Test.json_path(&self.folder).is_file() {
+        if is_rendered(&self.folder) {
             return Ok(());
         }
-        render(spec, &self.folder, stop)
+        let rendering = Rendering::new(spec).map_err(|e| SweepError::io(&self.folder, e))?;
+        rendering.make(&self.folder, stop)
     }
 }
 
-fn render(spec: &SyntheticSpec, folder: &Path, stop: &AtomicBool) -> Result<(), SweepError> {
-    let failed = |e: &dyn std::fmt::Display| SweepError::io(folder, e);
-    let voxels = spec.voxels();
-    // one step of values and one of labels
-    let bytes = product(&[voxels, voxels, voxels, 8]);
-    Budget::now()
-        .check(format!("voxels = {voxels} of {}", spec.synthetic), bytes)
-        .map_err(|e| SweepError::Choice(format!("{}: {e}", folder.display())))?;
-    let scene = spec.scene().map_err(|e| failed(&e))?;
-    let source = Source::Synthetic { scene, dims: [spec.voxels(); 3], steps: STEPS };
-    let options = PrepareOptions {
-        views: ViewOptions {
+/// Whether the dataset of a synthetic scene is in its folder, where it appears whole.
+fn is_rendered(folder: &Path) -> bool {
+    SplitName::Test.json_path(folder).is_file()
+}
+
+/// What `prepare` is asked for to make a synthetic scene.
+struct Rendering {
+    source: Source,
+    transfer: TransferFunction,
+    options: PrepareOptions,
+}
+
+impl Rendering {
+    fn new(spec: &SyntheticSpec) -> Result<Self, PrepareError> {
+        let scene = spec.scene().map_err(PrepareError::Options)?;
+        let mut transfer = scene.transfer_function()?;
+        spec.shading.apply(&mut transfer.shading);
+        let segments = match spec.segment_views {
+            _ if !spec.segments => SegmentOptions::NONE,
+            Some(views) => SegmentOptions { views, ..SegmentOptions::default() },
+            None => SegmentOptions { views: OWN_VIEWS, steps: SegmentSteps::OfViews, label_images: true },
+        };
+        let views = ViewOptions {
             size: [spec.size; 2],
             fov_x: FOV_X,
             times: Times::Count(spec.times),
             views_per_time: spec.views,
             test_views: spec.test_views,
             ..ViewOptions::default()
-        },
-        side: published_side(),
-        step: DEFAULT_STEP,
-        segments: SegmentOptions {
-            views: if spec.segments { spec.segment_views.unwrap_or(OWN_VIEWS) } else { 0 },
-            steps: if spec.segment_views.is_some() { SegmentSteps::default() } else { SegmentSteps::OfViews },
-            label_images: spec.segments,
-        },
-        replace: false,
-        needed: Vec::new(),
-    };
-    let mut transfer = scene.transfer_function().map_err(|e| failed(&e))?;
-    spec.shading.apply(&mut transfer.shading);
-    errln!("{}: rendering {} images", folder.display(), image_count(&source, &options));
-    let bar = progress::bar(image_count(&source, &options), "images");
-    let made = prepare(&source, &transfer, &options, folder, &|n| bar.set_position(n as u64), stop);
-    bar.finish_and_clear();
-    match made {
-        Ok(_) => Ok(()),
-        Err(PrepareError::Interrupted) => Err(SweepError::Interrupted),
-        // another process of the same sweep was faster
-        Err(_) if SplitName::Test.json_path(folder).is_file() => Ok(()),
-        Err(e) => Err(failed(&e)),
+        };
+        let (side, step) = (published_side(), DEFAULT_STEP);
+        let options = PrepareOptions { views, side, step, segments, replace: false, needed: Vec::new() };
+        Ok(Self { source: Source::Synthetic { scene, dims: [spec.voxels(); 3], steps: STEPS }, transfer, options })
+    }
+
+    /// Refuses what `prepare` would refuse.
+    fn check(&self, folder: &Path) -> Result<(), PrepareError> {
+        prepare::check(&self.source, &self.transfer, &self.options, folder)
+    }
+
+    fn make(&self, folder: &Path, stop: &AtomicBool) -> Result<(), SweepError> {
+        let images = image_count(&self.source, &self.options);
+        errln!("{}: rendering {images} images", folder.display());
+        let bar = progress::bar(images, "images");
+        let step = |n| bar.set_position(n as u64);
+        let made = prepare(&self.source, &self.transfer, &self.options, folder, &step, stop);
+        bar.finish_and_clear();
+        match made {
+            Ok(_) => Ok(()),
+            Err(PrepareError::Interrupted) => Err(SweepError::Interrupted),
+            // another process of the same sweep was faster
+            Err(_) if is_rendered(folder) => Ok(()),
+            Err(e) => Err(SweepError::io(folder, e)),
+        }
     }
 }

@@ -231,6 +231,29 @@ impl SweepFile {
         Ok(file)
     }
 
+    /// Sets keys of every synthetic dataset, each `KEY=VALUE` with a value of TOML, such as `size=64`.
+    ///
+    /// # Errors
+    /// A message, if there is no synthetic dataset or a setting has another form; unknown keys are found by
+    /// [`SweepFile::datasets`].
+    pub(super) fn set_synthetic(&mut self, settings: &[String]) -> Result<(), String> {
+        let mut scenes: Vec<&mut Table> = self.data.values_mut().filter_map(Value::as_table_mut).collect();
+        for setting in settings {
+            if scenes.is_empty() {
+                return Err(format!("{setting}: the file has no synthetic dataset"));
+            }
+            let read = |(key, value): (&str, &str)| {
+                let mut table: Table = format!("value = {value}").parse().ok()?;
+                Some((key.trim().to_owned(), table.remove("value").filter(|_| table.is_empty())?))
+            };
+            let Some((key, value)) = setting.split_once('=').and_then(read) else {
+                return Err(format!("\"{setting}\": expected KEY=VALUE, such as size=64"));
+            };
+            scenes.iter_mut().for_each(|scene| drop(scene.insert(key.clone(), value.clone())));
+        }
+        Ok(())
+    }
+
     /// The datasets by name.
     ///
     /// # Errors

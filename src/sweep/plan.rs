@@ -32,6 +32,8 @@ pub struct PlanOptions {
     pub data: Vec<PathBuf>,
     /// Keys set in every run, after the file's `set`, before its variants.
     pub set: Vec<String>,
+    /// Keys set in every synthetic dataset of the file, each `KEY=VALUE`.
+    pub synthetic: Vec<String>,
     /// Seeds instead of the file's.
     pub seeds: Vec<u64>,
     /// Devices instead of the file's.
@@ -142,6 +144,7 @@ impl Plan {
             file.devices = vec!["flex".to_owned()];
         }
         file.eval.lpips_weights.extend(options.lpips_weights.iter().cloned());
+        file.set_synthetic(&options.synthetic).map_err(|problem| bad("--synthetic", problem))?;
         check_lists(&file, &seeds, path, options.elsewhere)?;
         check_seed_keys(&file, options).map_err(|(key, problem)| bad(&key, problem))?;
         let places = options.data.len().max(file.data.len()).saturating_mul(file.devices.len());

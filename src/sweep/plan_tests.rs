@@ -3,6 +3,7 @@
 use super::*;
 use crate::config::types::Config;
 use crate::data::truth::{SegmentFile, VolumeEntry};
+use crate::sweep::file::DataSource;
 use crate::sweep::result::{metrics_path, segments_path};
 
 const DATA: &str = "[data]\njets = { synthetic = 'jets', size = 40, times = 3, views = 4, test_views = 5 }\n";
@@ -152,6 +153,48 @@ fn invalid_sweeps_are_errors_that_name_the_cause() {
     let data = vec!["/one/data".into(), "/two/data".into()];
     let twice = plan_with("", &PlanOptions { data, ..PlanOptions::default() }).unwrap_err().to_string();
     assert!(twice.contains("two datasets are called \"data\""), "{twice}");
+}
+
+#[test]
+fn what_prepare_would_refuse_is_refused_by_the_plan() {
+    // with and without segments
+    for segments in [false, true] {
+        let data = DATA.replace("size", &format!("segments = {segments}, size"));
+        let planned = plan(&format!("config = 'demo'\n{data}")).unwrap();
+        let DataSource::Synthetic(spec) = &planned.datasets["jets"].source else { panic!("no synthetic scene") };
+        assert_eq!(spec.segments, segments);
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let options = PlanOptions { out: dir.path().to_owned(), ..PlanOptions::default() };
+    let text = format!("config = 'demo'\n{DATA}");
+    let folder = plan_with(&text, &options).unwrap().datasets["jets"].folder.clone();
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("mine.txt"), "").unwrap();
+    let said = plan_with(&text, &options).unwrap_err().to_string();
+    assert!(said.contains("data.jets") && said.contains("already exists"), "{said}");
+}
+
+#[test]
+fn keys_of_synthetic_datasets_can_be_set_on_the_command_line() {
+    let text = format!("config = 'demo'\n{DATA}");
+    let set = |settings: &[&str], text: &str| {
+        let synthetic = settings.iter().map(|s| (*s).to_owned()).collect();
+        plan_with(text, &PlanOptions { out: "/out".into(), synthetic, ..PlanOptions::default() })
+    };
+    let small = set(&["size=16", "shading = { ambient = 0.5 }"], &text).unwrap();
+    assert_eq!(small.datasets["jets"].size, [16; 2]);
+    assert_ne!(small.runs[0].key, plan(&text).unwrap().runs[0].key);
+    for (setting, words) in [
+        ("size", "--synthetic: \"size\": expected KEY=VALUE"),
+        ("size=1\nviews=2", "expected KEY=VALUE"),
+        ("size=4", "data.jets: size = 4: must be from 8"),
+        ("width=4", "data.jets: unknown field `width`"),
+    ] {
+        let said = set(&[setting], &text).unwrap_err().to_string();
+        assert!(said.contains(words), "{setting}: {said}");
+    }
+    let said = set(&["size=16"], "[data]\nx = '/no/such/folder'").unwrap_err().to_string();
+    assert!(said.contains("no synthetic dataset"), "{said}");
 }
 
 #[test]

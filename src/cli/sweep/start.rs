@@ -33,6 +33,9 @@ pub(super) struct StartArgs {
     /// Set a key in every run, unless a variant sets it; may be repeated.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
+    /// Set a key of every synthetic dataset of the file, such as size=64 for a trial; may be repeated.
+    #[arg(long, value_name = "KEY=VALUE", conflicts_with = "data")]
+    synthetic: Vec<String>,
     /// Seeds to use instead of the file's.
     #[arg(long, value_name = "N,...", value_delimiter = ',')]
     seeds: Vec<u64>,
@@ -93,6 +96,7 @@ impl StartArgs {
             out: out.clone(),
             data: self.data.clone(),
             set: self.set.clone(),
+            synthetic: self.synthetic.clone(),
             seeds: self.seeds.clone(),
             devices: self.devices.clone(),
             lpips_weights: absolute(&self.lpips_weights)?,
@@ -124,7 +128,8 @@ impl StartArgs {
                 let _ = std::fs::remove_file(failure_path(&plan.run_folder(run)));
             }
         }
-        for data in plan.datasets.values() {
+        let used = |name: &str| runs.iter().any(|run| plan.runs[*run].dataset == name);
+        for (_, data) in plan.datasets.iter().filter(|(name, _)| used(name)) {
             data.make(&stop)?;
         }
         if self.slurm {
