@@ -7,10 +7,6 @@ export const unit = (kind) => app.welcome?.units[kind] ?? "normalised";
 
 // a scene unit in the data's unit of length
 export const scale = () => space()?.scale ?? 1;
-// a speed of 1, in scene units per duration of the data
-export const speedScale = () => scale() / (times() ? times().end - times().start : 1);
-// coordinate k of a position
-export const coordinate = (v, k) => (space() ? space().centre[k] + space().scale * v : v);
 
 export const lengthText = (v) => `${(scale() * v).toPrecision(3)}${space() ? ` ${unit("length")}` : " (normalised)"}`;
 export const timeText = (t) => {
