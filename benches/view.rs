@@ -51,11 +51,12 @@ fn main() {
     let open = OpenRun::open(&run, &device).unwrap();
     let mut look = Look::open(&open, Selection::open(&open, &[], true).unwrap(), Show::Colour, None).unwrap();
     let prepared = look.prepare(&open.scene, 0.5, &device).unwrap();
+    let around = open.surroundings().unwrap();
     let view = View {
-        eye: [open.surroundings().sphere.radius, 0.0, 1.0],
+        eye: [around.sphere.radius, 0.0, 1.0],
         target: open.scene.spec.centre().to_array(),
         up: [0.0, 0.0, 1.0],
-        fov: open.surroundings().lens.fov_x,
+        fov: around.lens.fov_x,
         size: [size; 2],
         time: 0.5,
         look: "colour".into(),

@@ -141,7 +141,7 @@ impl SegmentFlags {
         }
         self.check_mask_pictures()?;
         let masks = self.kind()?;
-        let root = data.map_or_else(|| run.dataset(), |data| Ok(data.to_owned()))?;
+        let root = run.dataset_or(data)?;
         let truth = Truth::read(&root)?;
         let known = |name: &String| truth.file.segments.iter().any(|s| s.name == *name);
         if let Some(name) = self.only.iter().find(|n| !known(n)) {

@@ -20,7 +20,7 @@ impl<S: Trained> OpenRun<S> {
     /// # Errors
     /// If the dataset is no longer there, or cannot be read.
     pub fn measured(&self, name: SplitName, data: Option<&Path>, max_views: Option<usize>) -> Result<Split, RunError> {
-        let root = data.map_or_else(|| self.dataset(), |data| Ok(data.to_owned()))?;
+        let root = self.dataset_or(data)?;
         Ok(open_measured(&root, name, &self.config, max_views, Some(self.record.normalisation))?)
     }
 
@@ -30,13 +30,24 @@ impl<S: Trained> OpenRun<S> {
     /// If that does not hold the dataset that the run was trained on.
     pub fn with_dataset(mut self, data: Option<&Path>) -> Result<Self, RunError> {
         let Some(data) = data else { return Ok(self) };
-        if !data.is_dir() {
-            let what = "there is no such folder; give the dataset that the run was trained on";
-            return Err(RunError::input(format!("--data {}: {what}", data.display())));
-        }
-        self.check_dataset(data)?;
+        self.check_dataset(&self.dataset_or(Some(data))?)?;
         self.dataset = Some(data.to_owned());
         Ok(self)
+    }
+
+    /// Returns the folder `data` (the value of `--data`), which may hold any dataset, or that of the run's own.
+    ///
+    /// # Errors
+    /// If there is no such folder, or as for [`OpenRun::dataset`].
+    pub fn dataset_or(&self, data: Option<&Path>) -> Result<PathBuf, RunError> {
+        match data {
+            None => self.dataset(),
+            Some(data) if data.is_dir() => Ok(data.to_owned()),
+            Some(data) => Err(RunError::input(format!(
+                "--data {}: there is no such folder; give that of a dataset",
+                data.display()
+            ))),
+        }
     }
 
     /// Returns the folder that a user gave with [`OpenRun::with_dataset`].

@@ -33,7 +33,7 @@ impl MeasuredOn {
     /// # Errors
     /// If the training views of another dataset, which identify it, exist and cannot be read.
     pub fn open<S: Trained>(run: &OpenRun<S>, given: Option<&Path>, split: SplitName) -> Result<Self, RunError> {
-        let folder = given.map_or_else(|| run.dataset(), |given| Ok(given.to_owned()))?;
+        let folder = run.dataset_or(given)?;
         let dataset = std::fs::canonicalize(&folder).unwrap_or_else(|_| folder.clone());
         let options = OpenOptions { downscale: run.config.data.downscale, splits: &[], max_views: None };
         let (mut trained, mut note) = (Vec::new(), None);

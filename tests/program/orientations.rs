@@ -232,8 +232,10 @@ fn labels_are_index_for_index_on_volumes_in_every_orientation() {
             let space = record.calibration.space.unwrap();
             assert!((DVec3::from_array(space.centre) - PLAIN.centre()).length() < 1e-4, "{name}");
 
-            let plan = LabelPlan { data: Some(data.clone()), ..LabelPlan::default() };
-            let labels = Labels::new(&run, &plan).unwrap();
+            // as if it had been trained on this one
+            let mut run = run.share();
+            run.record.dataset.clone_from(&data);
+            let labels = Labels::new(&run, &LabelPlan::default()).unwrap();
             let ids = labels.at(0.0).unwrap().ids;
             let written = root.join(format!("{}-{extension}.{labels_extension}", stored.name));
             let format = if extension == "vti" { LabelFormat::Vti } else { LabelFormat::Nrrd(None) };
@@ -388,7 +390,12 @@ fn the_space_of_labels_is_that_of_the_data_unless_another_is_asked_for() {
     let (report, header) = export(&["--space", "none"]);
     assert!(report["axes"].is_null() && has(&header, "space dimension: 3"), "{header}");
     // nothing anatomical is claimed of data that says nothing
-    let (report, header) = export(&["--data", "vti"]);
+    let (path, kept) = (root.join("run/run.json"), json(&root.join("run/run.json")));
+    let mut other = kept.clone();
+    other["dataset"] = json!(root.join("vti"));
+    std::fs::write(&path, other.to_string()).unwrap();
+    let (report, header) = export(&[]);
+    std::fs::write(&path, kept.to_string()).unwrap();
     assert_eq!((&report["axes"], &report["unit"]), (&Value::Null, &json!("um")));
     assert!(has(&header, "space dimension: 3") && !header.contains("posterior"), "{header}");
     // data in the other convention lie elsewhere: with the same numbers they are turned by half a turn
