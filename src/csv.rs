@@ -2,13 +2,16 @@
 
 use std::borrow::Cow;
 
-/// Returns `text` as a field, quoted if it holds a comma, a quote, a line break or outer whitespace.
+/// Returns `text` as a field, quoted if it holds a comma, a quote, a line break or outer whitespace. A text that a
+/// spreadsheet would take for a formula gets an apostrophe in front, by which spreadsheets know text; numbers do not.
 #[must_use]
 pub fn field(text: &str) -> Cow<'_, str> {
+    let formula = text.starts_with(['=', '+', '-', '@', '\t', '\r']) && text.parse::<f64>().is_err();
+    let text = if formula { Cow::Owned(format!("'{text}")) } else { Cow::Borrowed(text) };
     if text.contains([',', '"', '\n', '\r']) || text.trim() != text {
         Cow::Owned(format!("\"{}\"", text.replace('"', "\"\"")))
     } else {
-        Cow::Borrowed(text)
+        text
     }
 }
 
@@ -26,6 +29,11 @@ mod tests {
             ("a\nb", "\"a\nb\""),
             (" x", "\" x\""),
             ("an \"x\"", "\"an \"\"x\"\"\""),
+            ("=cmd|' /C calc'!A0", "'=cmd|' /C calc'!A0"),
+            ("@SUM(1,2)", "\"'@SUM(1,2)\""),
+            ("-dash", "'-dash"),
+            ("-0.5", "-0.5"),
+            ("+1e-3", "+1e-3"),
         ] {
             assert_eq!(field(text), expected);
         }

@@ -56,7 +56,13 @@ impl DeviceName {
 
     /// The first compiled-in device that computes on the CPU.
     pub fn cpu() -> Option<Self> {
-        Self::all().into_iter().find(|name| matches!(name, Self::Flex | Self::NdArray | Self::Tch))
+        Self::all().into_iter().find(|name| name.is_cpu())
+    }
+
+    /// Whether it computes on the CPU.
+    #[must_use]
+    pub fn is_cpu(self) -> bool {
+        matches!(self, Self::Flex | Self::NdArray | Self::Tch)
     }
 
     /// All devices that can be compiled in.

@@ -57,7 +57,7 @@ pub use burn;
 #[must_use]
 pub fn main() -> std::process::ExitCode {
     memory::keep_freed_pages();
-    let outcome = <cli::Cli as clap::Parser>::parse().run();
+    let outcome = cli::Cli::read().run();
     let printed = terminal::finish().map_err(|e| cli::CliError::failure(format!("standard output: {e}")));
     match outcome.and(printed) {
         Ok(()) => std::process::ExitCode::SUCCESS,

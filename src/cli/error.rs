@@ -6,7 +6,21 @@ use crate::log::jsonl::JsonlError;
 use crate::run::RunError;
 use crate::train::TrainError;
 use crate::volume::error::VolumeError;
+use crate::words::plain;
 use std::fmt;
+use std::io::ErrorKind;
+
+/// Adds the option --out to the error of a run that cannot be written to.
+pub(super) fn or_elsewhere(error: RunError) -> CliError {
+    let cannot = matches!(&error, RunError::Lock(LockError::Io { source, .. })
+        if matches!(source.kind(), ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem));
+    match cannot {
+        true => {
+            CliError::input(format!("{error}; if the run is not yours to write to, pass --out DIR for the results"))
+        }
+        false => error.into(),
+    }
+}
 
 /// A message and an exit code: 2 for bad input or usage, 1 for anything else.
 #[derive(Debug)]
@@ -18,17 +32,17 @@ pub struct CliError {
 impl CliError {
     /// Bad input or usage.
     pub fn input(error: impl fmt::Display) -> Self {
-        Self { message: error.to_string(), code: 2 }
+        Self::with_code(error, 2)
     }
 
     /// Anything else.
     pub fn failure(error: impl fmt::Display) -> Self {
-        Self { message: error.to_string(), code: 1 }
+        Self::with_code(error, 1)
     }
 
-    /// An error with the given exit code.
+    /// An error with the given exit code, in plain words wherever a parser of some file was the first to speak.
     pub(super) fn with_code(error: impl fmt::Display, code: u8) -> Self {
-        Self { message: error.to_string(), code }
+        Self { message: plain(&error.to_string()), code }
     }
 
     /// The exit code.
@@ -95,8 +109,25 @@ impl From<TrainError> for CliError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::io::ErrorKind;
     use std::path::Path;
+
+    #[test]
+    fn no_message_names_a_rust_type() {
+        let problem = "invalid type: sequence, expected u64 at line 1 column 9";
+        let error = CliError::input(VolumeError::invalid(Path::new("v.raw.json"), "sidecar", problem, "give dims"));
+        assert_eq!(
+            error.to_string(),
+            "v.raw.json: sidecar: expected a whole number, 0 or above, not a list at line 1 column 9; give dims"
+        );
+    }
+
+    #[test]
+    fn a_run_that_cannot_be_written_to_has_a_way_out() {
+        let lock = |kind: ErrorKind| RunError::Lock(LockError::Io { path: "run/.lock".into(), source: kind.into() });
+        let error = or_elsewhere(lock(ErrorKind::PermissionDenied));
+        assert!(error.code() == 2 && error.to_string().contains("--out DIR"), "{error}");
+        assert!(!or_elsewhere(lock(ErrorKind::StorageFull)).to_string().contains("--out"));
+    }
 
     #[test]
     fn volume_errors_that_users_can_fix_are_2_and_system_errors_are_1() {

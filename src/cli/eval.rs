@@ -1,5 +1,6 @@
 //! `volseggs eval`
 
+use super::error::or_elsewhere;
 use super::eval_segments::SegmentFlags;
 use super::values::count;
 use super::{CliError, Common, command_line, print_json};
@@ -7,6 +8,7 @@ use crate::data::SplitName;
 use crate::eval::diagnosis;
 use crate::eval::results::{KIND, WriteError};
 use crate::eval::run::Summary;
+use crate::eval::speed::Speed;
 use crate::files::{FolderKind, Work};
 use crate::log::progress;
 use crate::memory::MIB;
@@ -14,12 +16,15 @@ use crate::metrics::lpips::{Lpips, LpipsNet};
 use crate::run::measure::{MeasuredOn, measure};
 use crate::run::{AnyRun, OpenRun, RunError, Trained};
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+/// Relative difference from which two measurements of the same speed are both told.
+const SAME: f64 = 0.02;
 
 /// Evaluate a run on a split: PSNR, SSIM, LPIPS, frames per second, size.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs eval checkpoints/first\n  volseggs eval checkpoints/first --split train --views 50 --json\n  volseggs eval checkpoints/first --lpips-weights lpips_alex.safetensors --lpips-weights lpips_vgg.safetensors\n  volseggs eval checkpoints/first --segments                    # segmentation and tracking against known segments\n  volseggs eval checkpoints/first --segments --masks labels --methods fine,coarse+fine\n  volseggs eval checkpoints/first --segments --score tubes=tube-a+tube-b    # two known segments as one\n\nWrites RUN/eval/SPLIT/: views.csv, mean.json, contact-sheet.png, psnr-over-time.svg, pictures/; with --segments RUN/eval/segments/:\ntable.md, segments.csv, tracking.csv, volumes.csv, segments.json, segments.png, iou-3d-METHOD.svg, iou-METHOD.svg.\nResults on a dataset other than the run's own (--data) go to separate folders, RUN/eval/SPLIT-NAME/."
+    after_help = "Examples:\n  volseggs eval checkpoints/first\n  volseggs eval checkpoints/first --split train --views 50 --json\n  volseggs eval checkpoints/first --lpips-weights lpips_alex.safetensors --lpips-weights lpips_vgg.safetensors\n  volseggs eval checkpoints/first --segments                    # segmentation and tracking against known segments\n  volseggs eval /shared/run --out my-eval                      # a run that cannot be written to\n  volseggs eval checkpoints/first --segments --masks labels --methods fine,coarse+fine\n  volseggs eval checkpoints/first --segments --score tubes=tube-a+tube-b    # two known segments as one\n\nWrites RUN/eval/SPLIT/, or with --out DIR that folder: views.csv, mean.json, contact-sheet.png, psnr-over-time.svg, pictures/; with --segments RUN/eval/segments/:\ntable.md, segments.csv, tracking.csv, volumes.csv, segments.json, segments.png, iou-3d-METHOD.svg, iou-METHOD.svg.\nResults on a dataset other than the run's own (--data) go to separate folders, RUN/eval/SPLIT-NAME/."
 )]
 pub struct EvalArgs {
     /// Folder of the run.
@@ -37,16 +42,24 @@ pub struct EvalArgs {
     /// how to make them from the published files.
     #[arg(long, value_name = "FILE")]
     lpips_weights: Vec<PathBuf>,
-    #[command(flatten)]
-    segments: SegmentFlags,
+    /// Write the results into this folder, and nothing into RUN: for runs of others. An older evaluation in it is
+    /// replaced as a whole, anything else is refused.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
     #[command(flatten)]
     common: Common,
+    // a heading stays in force for what follows
+    #[command(flatten)]
+    segments: SegmentFlags,
 }
 
 impl EvalArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let (_, device) = self.common.device()?;
-        let run = AnyRun::open_locked(&self.run, &device, &command_line(), Work::Long)?;
+        let (name, device) = self.common.device()?;
+        let run = match &self.out {
+            Some(_) => AnyRun::open_any(&self.run, &device)?,
+            None => AnyRun::open_locked(&self.run, &device, &command_line(), Work::Long).map_err(or_elsewhere)?,
+        };
         let networks = self
             .lpips_weights
             .iter()
@@ -60,7 +73,8 @@ impl EvalArgs {
                     path.display()
                 )));
             }
-            return self.segments.run(&run.gaussians()?, self.data.as_deref(), &networks, self.common.json);
+            let out = self.out.as_deref();
+            return self.segments.run(&run.gaussians()?, self.data.as_deref(), out, &networks, self.common.json);
         }
         let split = run.measured(self.split, self.data.as_deref(), self.views)?;
         if !run.config.data.only_times.is_empty() {
@@ -71,7 +85,7 @@ impl EvalArgs {
             );
         }
         let on = MeasuredOn::open(&run, self.data.as_deref(), self.split)?;
-        let folder = results(&run, &on, self.split.as_str(), &KIND)?;
+        let folder = results(&run, &on, self.split.as_str(), self.out.as_deref(), &KIND)?;
         let bar = progress::bar(split.frames.len(), "views");
         let evaluation = measure(&run, &split, &networks, &on, &folder, |done, psnr| {
             bar.set_position(done as u64);
@@ -87,17 +101,12 @@ impl EvalArgs {
         outln!("PSNR           {:.2} dB", s.psnr);
         outln!("SSIM           {:.4} (RGB, Gaussian window)   {:.4} (grey, 7x7)", s.ssim, s.ssim_gray);
         outln!("LPIPS          {} (AlexNet)   {} (VGG-16)", lpips(s.lpips_alex), lpips(s.lpips_vgg));
-        if self.lpips_weights.is_empty() {
-            errln!("note: LPIPS needs --lpips-weights; `volseggs lpips --help` says where to get them");
-        }
         for (name, value) in &s.extra {
             outln!("{name:<14} {value:.4}");
         }
         print_diagnosis(s);
-        let fps = s.speed.fps.map_or("-".to_owned(), |fps| format!("{fps:.1}"));
         let drawn = if s.gaussians > 0 { "deformation and splatting" } else { "everything that drawing takes" };
-        outln!("frames/second  {fps} ({} frames): {drawn}, repeated for each frame", s.speed.fps_frames);
-        outln!("               {:.1} with the copy of each image to the host", s.speed.fps_with_copy);
+        print_speed(&s.speed, name.is_cpu(), drawn);
         outln!("training       {:.1} min", s.training_seconds / 60.0);
         let bytes = s.model_bytes as f64;
         let held = if s.gaussians > 0 {
@@ -115,6 +124,30 @@ impl EvalArgs {
     }
 }
 
+/// Prints the frames per second. On a CPU, images are on the host anyway: both figures measure the same, and their mean is
+/// printed, with the two if they differ.
+fn print_speed(speed: &Speed, on_cpu: bool, drawn: &str) {
+    let (frames, with_copy) = (speed.fps_frames, speed.fps_with_copy);
+    let of = |frames: usize, spread: &str| format!("({frames} frames{spread}): {drawn}, repeated for each frame");
+    match speed.fps {
+        Some(fps) if on_cpu => {
+            let mean = 2.0 / (1.0 / fps + 1.0 / with_copy);
+            let (low, high) = (fps.min(with_copy), fps.max(with_copy));
+            let spread = if high - low > SAME * mean {
+                format!("; {low:.1} and {high:.1} in two rounds")
+            } else {
+                String::new()
+            };
+            outln!("frames/second  {mean:.1} {}", of(2 * frames, &spread));
+        }
+        fps => {
+            let fps = fps.map_or("-".to_owned(), |fps| format!("{fps:.1}"));
+            outln!("frames/second  {fps} {}", of(frames, ""));
+            outln!("               {with_copy:.1} with the copy of each image to the host");
+        }
+    }
+}
+
 /// Prints what bounds the quality, as aligned columns.
 fn print_diagnosis(summary: &Summary) {
     let rows: Vec<[String; 6]> =
@@ -127,17 +160,25 @@ fn print_diagnosis(summary: &Summary) {
     }
 }
 
-/// The folder of results called `what`; prints any notes about the evaluation data.
+/// The folder of results called `what`, or the one given with --out; prints any notes about the evaluation data.
 pub(super) fn results<S: Trained>(
     run: &OpenRun<S>,
     on: &MeasuredOn,
     what: &str,
+    out: Option<&Path>,
     kind: &FolderKind,
 ) -> Result<PathBuf, CliError> {
     if let Some(note) = &on.note {
         errln!("note: {note}");
     }
-    let folder = on.folder(run, what, kind)?;
+    let folder = match out {
+        Some(out) => {
+            let inputs = [run.path.as_path(), &on.data.dataset];
+            kind.check(out, &inputs)?;
+            out.to_owned()
+        }
+        None => on.folder(run, what, kind)?,
+    };
     if !on.is_own(run) {
         let why = if on.other_views { "has other views to measure than" } else { "is not" };
         errln!(

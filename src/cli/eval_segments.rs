@@ -122,6 +122,7 @@ impl SegmentFlags {
         &self,
         run: &OpenRun,
         data: Option<&Path>,
+        out: Option<&Path>,
         networks: &[Lpips],
         json: bool,
     ) -> Result<(), CliError> {
@@ -160,11 +161,11 @@ impl SegmentFlags {
             MaskKind::Regions => "segments".to_owned(),
             other => format!("segments-{}", other.name()),
         };
-        let folder = results(run, &on, &what, &KIND)?;
+        let folder = results(run, &on, &what, out, &KIND)?;
         // never committed, so it is removed at the end
-        let eval = run.paths().eval();
-        let work = std::fs::create_dir_all(&eval).and_then(|()| AtomicDir::create(&eval.join("masks")));
-        let work = work.map_err(|e| CliError::failure(format!("{}: {e}", eval.display())))?;
+        let beside = folder.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let work = std::fs::create_dir_all(beside).and_then(|()| AtomicDir::create(&beside.join("masks")));
+        let work = work.map_err(|e| CliError::failure(format!("{}: {e}", beside.display())))?;
         let found = evaluate_segments(&run.scene, &truth, &options, networks, work.dir(), |what| errln!("{what}"));
         let (mut evaluation, _) = found.map_err(eval_error)?;
         evaluation.data = on.data;

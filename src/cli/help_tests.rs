@@ -71,6 +71,19 @@ fn every_key_in_an_example_is_a_key() {
 }
 
 #[test]
+fn what_all_commands_have_is_under_no_heading() {
+    fn check(command: &Command) {
+        for argument in command.get_arguments().filter(|a| ["device", "json", "memory"].contains(&a.get_id().as_str()))
+        {
+            let (name, id) = (command.get_name(), argument.get_id());
+            assert_eq!(argument.get_help_heading(), None, "{name} --{id}: is listed below the heading of others");
+        }
+        command.get_subcommands().for_each(check);
+    }
+    check(&Cli::command());
+}
+
+#[test]
 fn completions_know_the_commands() {
     for shell in [clap_complete::Shell::Bash, clap_complete::Shell::Zsh, clap_complete::Shell::Fish] {
         let mut script = Vec::new();

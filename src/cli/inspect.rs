@@ -26,8 +26,9 @@ use std::path::{Path, PathBuf};
 pub struct InspectArgs {
     /// Volume file, folder or glob of volumes, dataset folder, run folder, .ply or .safetensors file.
     path: PathBuf,
-    /// Transfer function to draw over a volume's histogram: a .toml or .json file, or a preset.
-    #[arg(long, value_name = "TF", requires = "picture")]
+    /// Transfer function to check and, with --picture, to draw over a volume's histogram: a .toml or .json file, or a
+    /// preset.
+    #[arg(long, value_name = "TF")]
     transfer_function: Option<String>,
     /// Draw the camera layout of a dataset, or the histogram of a volume, into this PNG file.
     #[arg(long, value_name = "FILE")]

@@ -50,11 +50,11 @@ pub(super) fn inspect_volume(
     });
     let notes: Vec<String> = series.notes().iter().cloned().chain(gap).chain(skipped).collect();
     // before anything is printed, as either can fail
-    let drawn = match picture {
-        Some(file) => {
-            let tf = TransferFunction::load(transfer.unwrap_or("ramp"))?;
+    let function = match transfer.or(picture.map(|_| "ramp")) {
+        Some(spec) => {
+            let tf = TransferFunction::load(spec)?;
             let span = tf.span(series.range()?.map(f64::from));
-            Some((file, tf, span))
+            Some((tf, span))
         }
         None => None,
     };
@@ -67,6 +67,7 @@ pub(super) fn inspect_volume(
             "length_unit": physical.length_unit, "time_values": series.time_values(), "time_unit": series.time_unit(),
             "type": series.scalar().name(), "range": range,
             "not_finite": not_finite, "notes": notes,
+            "transfer_function": function.as_ref().filter(|_| transfer.is_some()).map(|(tf, span)| json!({ "name": tf.name, "span": span })),
         }))?;
     } else {
         outln!("steps    {} ({} .. {})", series.len(), series.name(0), series.name(series.len() - 1));
@@ -84,9 +85,12 @@ pub(super) fn inspect_volume(
             Some([low, high]) => outln!("range    {low} .. {high}"),
             None => outln!("range    none: no voxel is finite"),
         }
+        if let Some((tf, [low, high])) = function.as_ref().filter(|_| transfer.is_some()) {
+            outln!("transfer function {}: ok, over the values {low} .. {high}", tf.name);
+        }
         notes.iter().for_each(|n| outln!("note: {n}"));
     }
-    if let Some((file, tf, span)) = drawn {
+    if let (Some(file), Some((tf, span))) = (picture, function) {
         let middle = series.len() / 2;
         let whole = series.load(middle)?.values.iter().all(|v| v.fract() == 0.0);
         let bins = Bins::new(span, whole, BINS);

@@ -43,8 +43,9 @@ pub use error::CliError;
 
 use crate::device::DeviceName;
 use crate::memory::{Budget, Bytes};
+use crate::words::plain;
 use burn::tensor::Device;
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -59,7 +60,7 @@ pub struct Cli {
     #[command(subcommand)]
     command: Command,
     /// Maximum memory to use, such as 12G; the free memory of the system if not given.
-    #[arg(long, global = true, value_name = "SIZE")]
+    #[arg(long, global = true, value_name = "SIZE", allow_hyphen_values = true)]
     memory: Option<Bytes>,
 }
 
@@ -158,7 +159,34 @@ fn print_json(value: &impl serde::Serialize) -> Result<(), CliError> {
     Ok(())
 }
 
+/// Lets every option take a negative number, so that its own parser says what is wrong with it; otherwise `-1` would be
+/// reported as an unknown option.
+fn with_negative_values(command: clap::Command) -> clap::Command {
+    let takes = |arg: &clap::Arg| arg.get_action().takes_values() && !arg.is_positional();
+    command
+        .mut_args(|arg| if takes(&arg) { arg.allow_negative_numbers(true) } else { arg })
+        .mut_subcommands(with_negative_values)
+}
+
 impl Cli {
+    /// Parses the command line. A wrong one, a request for help or for the version ends the program with a message.
+    #[must_use]
+    pub fn read() -> Self {
+        let matches = with_negative_values(Self::command()).try_get_matches();
+        let parsed = matches.and_then(|mut matches| {
+            Self::from_arg_matches_mut(&mut matches).map_err(|e| e.format(&mut Self::command()))
+        });
+        parsed.unwrap_or_else(|error| {
+            let text = error.render().to_string();
+            let words = plain(&text);
+            if words == text.trim_end() {
+                error.exit();
+            }
+            errln!("{words}");
+            std::process::exit(error.exit_code())
+        })
+    }
+
     /// Runs the command.
     ///
     /// # Errors

@@ -4,7 +4,7 @@ use super::prepare_inputs::{ComponentArgs, ShadingArgs, segment_steps};
 use super::values::{count, finite, finite_f32, number, pixels, positive};
 use super::{CliError, print_json, stop_flag};
 use crate::data::paths::{Axis, RADIUS};
-use crate::log::progress::image_bar;
+use crate::log::progress::{Lines, image_bar};
 use crate::name::Name;
 use crate::prepare::views::{Times, ViewOptions};
 use crate::prepare::{
@@ -18,11 +18,7 @@ use crate::volume::transfer::TransferFunction;
 use clap::Args;
 use std::io::IsTerminal;
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
-
-/// Time between progress lines in a log.
-const LINE_EVERY: Duration = Duration::from_secs(10);
+use std::time::Instant;
 
 /// Render a time-varying volume into a dataset: images, cameras, and segments if labels are known.
 #[derive(Debug, Args)]
@@ -59,19 +55,19 @@ pub struct PrepareArgs {
     #[arg(long, default_value = "800", value_parser = image_size)]
     size: [u32; 2],
     /// Horizontal field of view, full angle in degrees.
-    #[arg(long, default_value_t = 30.0, value_name = "DEGREES", value_parser = fov, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 30.0, value_name = "DEGREES", value_parser = fov)]
     fov: f64,
     /// Distance of the cameras from the centre.
-    #[arg(long, default_value_t = RADIUS, value_name = "DISTANCE", value_parser = positive, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = RADIUS, value_name = "DISTANCE", value_parser = positive)]
     radius: f64,
     /// Length of the volume's longest side; half the shorter side of the frame, but at most the radius, if not given.
-    #[arg(long, value_name = "LENGTH", value_parser = positive, allow_negative_numbers = true)]
+    #[arg(long, value_name = "LENGTH", value_parser = positive)]
     side: Option<f64>,
     /// Number of training times, evenly spaced over the series.
     #[arg(long, default_value_t = 30, value_name = "N", value_parser = count)]
     times: usize,
     /// Steps to use for training, from 0, instead of --times.
-    #[arg(long, value_name = "STEP,...", value_delimiter = ',')]
+    #[arg(long, value_name = "STEP,...", value_delimiter = ',', allow_hyphen_values = true)]
     steps: Vec<usize>,
     /// Training views per time.
     #[arg(long, default_value_t = 20, value_name = "N", value_parser = count)]
@@ -83,13 +79,13 @@ pub struct PrepareArgs {
     #[arg(long, value_name = "AXIS")]
     bias: Option<Axis>,
     /// Maximum angle to this axis, degrees.
-    #[arg(long, default_value_t = 30.0, value_name = "DEGREES", value_parser = bias_angle, allow_negative_numbers = true, requires = "bias")]
+    #[arg(long, default_value_t = 30.0, value_name = "DEGREES", value_parser = bias_angle, requires = "bias")]
     bias_angle: f64,
     /// Seed for assigning views to times.
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Distance between samples along a ray, in voxels; from 1/64 to 16.
-    #[arg(long, default_value_t = DEFAULT_STEP, value_name = "VOXELS", value_parser = sample_step, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = DEFAULT_STEP, value_name = "VOXELS", value_parser = sample_step)]
     sample_step: f64,
     /// Time of each step, in any unit, ascending; evenly spaced if not given.
     #[arg(long, value_name = "T,...", value_delimiter = ',', value_parser = finite, allow_hyphen_values = true, conflicts_with = "synthetic")]
@@ -121,7 +117,7 @@ pub struct PrepareArgs {
     segment_views: usize,
     /// Steps at which segments are rendered in each of these views, or `own`: in each view the step of its test image.
     /// If not given, five steps evenly spaced over the series, moved to nearby training steps where possible.
-    #[arg(long, value_name = "STEP,...|own", value_parser = segment_steps)]
+    #[arg(long, value_name = "STEP,...|own", value_parser = segment_steps, allow_hyphen_values = true)]
     segment_steps: Option<SegmentSteps>,
     /// Write no label images.
     #[arg(long)]
@@ -153,11 +149,13 @@ impl PrepareArgs {
         let stop = stop_flag("stopping; nothing is written")?;
         let total = image_count(&source, &options);
         let bar = image_bar(total);
-        let lines = (!std::io::stderr().is_terminal()).then(|| Lines::new(total, LINE_EVERY));
+        let lines = (!std::io::stderr().is_terminal()).then(|| Lines::new(0, total));
+        let started = Instant::now();
         let progress = |done: usize| {
             bar.set_position(done as u64);
-            if let Some(line) = lines.as_ref().and_then(|lines| lines.line(done)) {
-                errln!("{line}");
+            let seconds = started.elapsed().as_secs_f64();
+            if let Some(lines) = lines.as_ref().filter(|lines| lines.is_due(done, seconds)) {
+                errln!("{done}/{total} images {seconds:.0} s{}", lines.left(done, seconds, f64::INFINITY));
             }
         };
         let record = prepare(&source, &transfer, &options, &self.out, &progress, &stop).map_err(|e| match e {
@@ -344,43 +342,9 @@ fn label_name(text: &str) -> Result<(u16, Name), String> {
     Ok((id, Name::new(name.trim()).map_err(|e| e.to_string())?))
 }
 
-/// Progress as lines, for logs, where no bar can be drawn.
-struct Lines {
-    total: usize,
-    every: Duration,
-    started: Instant,
-    last: Mutex<Instant>,
-}
-
-impl Lines {
-    fn new(total: usize, every: Duration) -> Self {
-        let now = Instant::now();
-        Self { total, every, started: now, last: Mutex::new(now) }
-    }
-
-    /// Returns a line if one is due: at intervals, and at the end.
-    fn line(&self, done: usize) -> Option<String> {
-        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
-        if done < self.total && last.elapsed() < self.every {
-            return None;
-        }
-        *last = Instant::now();
-        Some(format!("{done}/{} images {:.0} s", self.total, self.started.elapsed().as_secs_f64()))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn progress_lines_come_at_intervals_and_at_the_end() {
-        let seldom = Lines::new(3, Duration::from_secs(3600));
-        assert_eq!([1, 2].map(|n| seldom.line(n)), [None, None]);
-        assert!(seldom.line(3).unwrap().starts_with("3/3 images"));
-        let often = Lines::new(3, Duration::ZERO);
-        assert!([1, 2, 3].iter().all(|n| often.line(*n).is_some()));
-    }
 
     #[test]
     fn values_that_cannot_be_rendered_are_refused() {

@@ -13,16 +13,16 @@ use clap::Args;
 #[derive(Clone, Copy, Debug, Args)]
 pub(super) struct ShadingArgs {
     /// Fraction of the colour present without light, overriding the transfer function; near 0 for dark rims.
-    #[arg(long, value_name = "SHARE", value_parser = not_negative_f32, allow_negative_numbers = true)]
+    #[arg(long, value_name = "SHARE", value_parser = not_negative_f32)]
     ambient: Option<f32>,
     /// Fraction of the colour that depends on the angle to the light, overriding the transfer function.
-    #[arg(long, value_name = "SHARE", value_parser = not_negative_f32, allow_negative_numbers = true)]
+    #[arg(long, value_name = "SHARE", value_parser = not_negative_f32)]
     diffuse: Option<f32>,
     /// Strength of the white highlight, overriding the transfer function.
-    #[arg(long, value_name = "STRENGTH", value_parser = not_negative_f32, allow_negative_numbers = true)]
+    #[arg(long, value_name = "STRENGTH", value_parser = not_negative_f32)]
     specular: Option<f32>,
     /// Exponent of the highlight, its `power`; larger values give smaller highlights.
-    #[arg(long, value_name = "POWER", value_parser = positive_f32, allow_negative_numbers = true)]
+    #[arg(long, value_name = "POWER", value_parser = positive_f32)]
     shininess: Option<f32>,
 }
 
@@ -43,7 +43,6 @@ pub(super) struct ComponentArgs {
         long,
         value_name = "VALUE",
         value_parser = finite_f32,
-        allow_negative_numbers = true,
         conflicts_with_all = ["labels", "synthetic", "label_names"]
     )]
     components: Option<f32>,

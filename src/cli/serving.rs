@@ -33,7 +33,7 @@ pub struct ServingArgs {
     #[arg(long)]
     pub(super) read_only: bool,
     /// Memory for cached times, over all runs: 100 times of 150,000 Gaussians without edits take 660M.
-    #[arg(long, value_name = "SIZE", default_value = "1G")]
+    #[arg(long, value_name = "SIZE", default_value = "1G", allow_hyphen_values = true)]
     cache: Bytes,
 }
 

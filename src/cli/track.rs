@@ -2,6 +2,7 @@
 
 use super::camera::{ViewArgs, surroundings};
 use super::data::DataArgs;
+use super::error::or_elsewhere;
 use super::time::TimeArg;
 use super::values::positive_f32;
 use super::{CliError, Common, command_line, print_json};
@@ -23,7 +24,7 @@ use std::path::PathBuf;
 /// Track segments through time: statistics, events, pictures.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs track RUN --segment red.1\n  volseggs track RUN --segment red.1 --segment red.2 --group pair\n  volseggs track RUN --segment red --from 0.5 --to 0     # backward\n  volseggs track RUN --segment red --at 0.1 --at 0.4 --renders --view 3\n\nWrites RUN/track/NAME/: statistics.csv and .json, columns.csv (what each column\nis and its unit), events.csv, tracks.csv, over-time.svg, velocity-over-time.svg, times.png;\nwith --renders also renders/NNN.png and masks/NNN.png, the segment alone at each time.\nprojected_area is the number of pixels of the mask, projected_share their share of the picture.\nThe edits of the run apply to pictures, masks and projected areas; everything else is measured on the scene as trained."
+    after_help = "Examples:\n  volseggs track RUN --segment red.1\n  volseggs track RUN --segment red.1 --segment red.2 --group pair\n  volseggs track RUN --segment red --from 0.5 --to 0     # backward\n  volseggs track RUN --segment red --at 0.1 --at 0.4 --renders --view 3\n  volseggs track /shared/run --segment red --out my-tracks     # a run that cannot be written to\n\nWrites RUN/track/NAME/, or with --out DIR/NAME/: statistics.csv and .json, columns.csv (what each column\nis and its unit), events.csv, tracks.csv, over-time.svg, velocity-over-time.svg, times.png;\nwith --renders also renders/NNN.png and masks/NNN.png, the segment alone at each time.\nprojected_area is the number of pixels of the mask, projected_share their share of the picture.\nThe edits of the run apply to pictures, masks and projected areas; everything else is measured on the scene as trained."
 )]
 pub struct TrackArgs {
     /// Folder of the run.
@@ -59,6 +60,10 @@ pub struct TrackArgs {
     /// Ignore the edits of the run.
     #[arg(long)]
     no_edits: bool,
+    /// Write DIR/NAME/ instead, and nothing into RUN: for runs of others. An older track in it is replaced as a whole,
+    /// anything else is refused.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
     #[command(flatten)]
     common: Common,
 }
@@ -66,7 +71,11 @@ pub struct TrackArgs {
 impl TrackArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = self.data.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long)?)?;
+        let run = match &self.out {
+            Some(_) => OpenRun::open(&self.run, &device),
+            None => OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long).map_err(or_elsewhere),
+        };
+        let run = self.data.of(run?)?;
         let (times, camera) = (self.times(&run)?, self.picture_camera(&run)?);
         let asked = match self.at.len() {
             0 => format!("--frames {}", self.frames),
@@ -80,6 +89,7 @@ impl TrackArgs {
             camera: &camera,
             edited: !self.no_edits,
             pictures: PictureOptions { keep: self.renders, mask_alpha: self.mask_alpha },
+            out: self.out.as_deref(),
         };
         let tracked = progress::bar(times.count(), "times tracked");
         let drawn = progress::bar(times.count(), "times drawn");
@@ -146,7 +156,8 @@ impl TrackArgs {
                 );
             }
         }
-        errln!("tables and pictures: {}", run.paths().tracks().display());
+        let folder = self.out.clone().unwrap_or_else(|| run.paths().tracks());
+        errln!("tables and pictures: {}", folder.display());
         Ok(())
     }
 }

@@ -49,11 +49,12 @@ pub struct TrainArgs {
     /// Stop after this many steps in total, with a checkpoint, as if interrupted.
     #[arg(long, value_name = "STEPS")]
     stop_after: Option<usize>,
+    #[command(flatten)]
+    common: Common,
+    // a heading stays in force for what follows
     #[cfg(feature = "view")]
     #[command(flatten)]
     watch: WatchArgs,
-    #[command(flatten)]
-    common: Common,
 }
 
 impl TrainArgs {

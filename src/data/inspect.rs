@@ -13,6 +13,7 @@ use super::inspect_views::{cameras, times};
 use super::normalisation::Normalisation;
 use super::scan::{ROTATION_TOLERANCE, scan};
 use super::transforms::{FrameRecord, read_text, repeated, same_image};
+use crate::files::leads_out;
 
 /// Maximum number of problems in a check's detail; the report's `problems` has them all.
 const MAX_SHOWN: usize = 5;
@@ -140,6 +141,15 @@ fn inspect_split(report: &mut Report, root: &Path, name: SplitName, text: &str) 
     );
     let records: Vec<(usize, &FrameRecord)> =
         scan.frames.iter().enumerate().filter_map(|(i, f)| f.as_ref().map(|f| (i, f))).collect();
+    let outside = |(_, record): &&(usize, &FrameRecord)| leads_out(Path::new(&record.file_path));
+    if let Some((frame, record)) = records.iter().find(outside) {
+        let count = records.iter().filter(outside).count();
+        report.notes.push(format!(
+            "{}: {count} images are not in the folder of the dataset, the first is {} (frame {frame})",
+            path.display(),
+            record.file_path
+        ));
+    }
     images(report, &mut facts, root, &path, &records);
     times(report, &mut facts, &records);
     cameras(report, &mut facts, &path, &scan, &records);

@@ -16,6 +16,8 @@ use super::lineage::{Turn, ids_at};
 use super::normalisation::Normalisation;
 use super::png::check_claim;
 use super::transforms::Transforms;
+use crate::files::leads_out;
+use crate::name::Name;
 
 /// Name of the file in a dataset's folder.
 pub const FILE: &str = "segments.json";
@@ -46,6 +48,32 @@ pub struct SegmentFile {
     /// in datasets of old versions.
     #[serde(default)]
     pub lineage: Vec<Turn>,
+}
+
+impl SegmentFile {
+    /// The first field that `prepare` would not write, and what is wrong with it. The file names only files of its own
+    /// dataset, and names of segments become parts of paths, tables and pages.
+    fn fault(&self) -> Option<(String, String)> {
+        if self.size.contains(&0) {
+            let [w, h] = self.size;
+            return Some(("size".to_owned(), format!("{w}x{h} is not a valid image size")));
+        }
+        for (i, segment) in self.segments.iter().enumerate() {
+            if let Err(error) = Name::new(segment.name.as_str()) {
+                return Some((format!("segments[{i}].name"), error.to_string()));
+            }
+        }
+        let frames = self.segments.iter().enumerate().flat_map(|(i, segment)| {
+            segment.frames.iter().enumerate().flat_map(move |(k, frame)| {
+                [("file_path", &frame.file_path), ("mask_path", &frame.mask_path)]
+                    .map(|(name, path)| (format!("segments[{i}].frames[{k}].{name}"), path))
+            })
+        });
+        let volumes = self.volumes.iter().enumerate().map(|(i, volume)| (format!("volumes[{i}].file"), &volume.file));
+        let images = self.label_images.iter().enumerate().map(|(i, path)| (format!("label_images[{i}]"), path));
+        let outside = frames.chain(volumes).chain(images).find(|(_, path)| leads_out(Path::new(path)));
+        outside.map(|(field, path)| (field, format!("{path} is not in the folder of the dataset")))
+    }
 }
 
 /// One segment.
@@ -131,15 +159,13 @@ impl Truth {
             problem: e.to_string(),
             hint: "make the dataset again with `volseggs prepare`".to_owned(),
         })?;
-        if file.size.contains(&0) {
-            let [w, h] = file.size;
-            let hint = "make the dataset again with `volseggs prepare`";
+        if let Some((field, problem)) = file.fault() {
             return Err(DataError::field_error(
                 &path,
                 None,
-                "size",
-                format!("{w}x{h} is not a valid image size"),
-                hint,
+                &field,
+                problem,
+                "make the dataset again with `volseggs prepare`",
             ));
         }
         let normalisation = Normalisation::of_dataset(root)?;

@@ -33,6 +33,41 @@ fn write(root: &Path) {
 }
 
 #[test]
+fn names_and_paths_that_lead_out_of_the_dataset_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path());
+    let good = Truth::read(folder.path()).unwrap().file;
+    let frame = |file_path: &str, mask_path: &str| {
+        let (file_path, mask_path) = (file_path.to_owned(), mask_path.to_owned());
+        SegmentFrame {
+            file_path,
+            mask_path,
+            transform_matrix: DMat4::IDENTITY.to_cols_array_2d(),
+            time: 0.0,
+            pixels: 1,
+        }
+    };
+    let segment = |name: &str, frames| SegmentEntry { id: 1, name: name.into(), frames };
+    let volume = |file: &str| VolumeEntry { time: 0.0, file: file.into() };
+    let with = |segments, volumes| SegmentFile { segments, volumes, ..good.clone() };
+    for (file, words) in [
+        (with(vec![segment("<img src=x>", vec![])], vec![]), "segments[0].name"),
+        (with(vec![segment("../up", vec![])], vec![]), "cannot be a name"),
+        (with(vec![segment("a", vec![frame("/etc/passwd", "b.png")])], vec![]), "segments[0].frames[0].file_path"),
+        (with(vec![segment("a", vec![frame("a.png", "./a/../../b.png")])], vec![]), "frames[0].mask_path"),
+        (with(vec![], vec![volume("../v")]), "volumes[0].file"),
+        (SegmentFile { label_images: vec!["/tmp/train".into()], ..good.clone() }, "label_images[0]"),
+    ] {
+        std::fs::write(folder.path().join(FILE), serde_json::to_vec(&file).unwrap()).unwrap();
+        let error = Truth::read(folder.path()).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains(FILE), "{words}: {error}");
+    }
+    let fine = with(vec![segment("a", vec![frame("./a/../a.png", "b.png")])], vec![volume("./volumes/s")]);
+    std::fs::write(folder.path().join(FILE), serde_json::to_vec(&fine).unwrap()).unwrap();
+    Truth::read(folder.path()).unwrap();
+}
+
+#[test]
 fn views_of_the_nearest_time() {
     let folder = tempfile::tempdir().unwrap();
     write(folder.path());

@@ -44,7 +44,7 @@ pub enum AnimationError {
         index: usize,
         /// Its bytes.
         got: usize,
-        /// `width * height * 3`.
+        /// Bytes of a frame of this size.
         expected: u64,
     },
     /// A frame could not be produced.
@@ -69,14 +69,20 @@ where
     F: AsRef<[u8]>,
 {
     let frames = frames.into_iter().map(Ok::<F, io::Error>);
-    try_write_apng(path, frames, width, height, fps)
+    try_write_apng(path, frames, (width, height), ColorType::Rgb, fps)
 }
 
-/// Like [`write_apng`], for frames whose production can fail.
+/// Like [`write_apng`], for frames of this `color` whose production can fail.
 ///
 /// # Errors
 /// As for [`write_apng`]; a failed frame gives [`AnimationError::Frame`].
-pub fn try_write_apng<I, F, E>(path: &Path, frames: I, width: u32, height: u32, fps: u16) -> Result<(), AnimationError>
+pub fn try_write_apng<I, F, E>(
+    path: &Path,
+    frames: I,
+    (width, height): (u32, u32),
+    color: ColorType,
+    fps: u16,
+) -> Result<(), AnimationError>
 where
     I: IntoIterator<Item = Result<F, E>, IntoIter: ExactSizeIterator>,
     F: AsRef<[u8]>,
@@ -92,11 +98,11 @@ where
         }
     };
     let mut file = AtomicFile::create(path).map_err(io_error)?;
-    let mut encoder = encoder(&mut file, width, height, ColorType::Rgb).map_err(encode_error)?;
+    let mut encoder = encoder(&mut file, width, height, color).map_err(encode_error)?;
     encoder.set_animated(count, 0).map_err(encode_error)?;
     encoder.set_frame_delay(1, fps).map_err(encode_error)?;
     let mut writer = encoder.write_header().map_err(encode_error)?;
-    let expected = u64::from(width) * u64::from(height) * 3;
+    let expected = u64::from(width) * u64::from(height) * color.samples() as u64;
     for (index, frame) in frames.enumerate() {
         let frame = frame.map_err(|error| AnimationError::Frame { index, source: error.into() })?;
         let bytes = frame.as_ref();
@@ -142,7 +148,7 @@ mod tests {
         let error = write_apng(&path, frames, 2, 2, 10).unwrap_err();
         assert!(error.to_string().contains("frame 1 holds 11 bytes"));
         let frames = [Ok(vec![0; 12]), Err("no camera")];
-        let error = try_write_apng(&path, frames, 2, 2, 10).unwrap_err();
+        let error = try_write_apng(&path, frames, (2, 2), ColorType::Rgb, 10).unwrap_err();
         assert_eq!(error.to_string(), "frame 1: no camera");
         assert!(write_apng(&path, [[0; 12]; 0], 2, 2, 10).is_err());
         assert!(write_apng(&path, [[0; 12]], 2, 2, 0).is_err());

@@ -18,6 +18,17 @@ pub fn to_rgb8(image: &[f32], width: usize, height: usize) -> RgbImage {
     out
 }
 
+/// Converts a render `[H, W, 4]` over the colour `background` to 8-bit RGBA with straight alpha, `[H, W, 4]`: its colours
+/// as they were before they were laid over the background; black where nothing is.
+pub fn to_rgba8(image: &[f32], background: [f32; 3]) -> Vec<u8> {
+    let pixel = |p: &[f32]| {
+        let alpha = to_8_bits(p[3]);
+        let straight = |c: usize| if alpha == 0 { 0.0 } else { background[c] + (p[c] - background[c]) / p[3] };
+        [to_8_bits(straight(0)), to_8_bits(straight(1)), to_8_bits(straight(2)), alpha]
+    };
+    image.chunks_exact(4).flat_map(pixel).collect()
+}
+
 /// Returns the nearest of 256 levels to a value in [0, 1], halves rounded up; 0 for NaN.
 fn to_8_bits(value: f32) -> u8 {
     let scaled = value.clamp(0.0, 1.0) * 255.0;
@@ -48,6 +59,14 @@ pub fn encode_png_with(image: &RgbImage, keyword: &str, text: &str) -> ImageResu
 /// If the encoder fails.
 pub fn encode_gray_png(image: &GrayImage) -> ImageResult<Vec<u8>> {
     encode(ColorType::Grayscale, image.dimensions(), image.as_raw(), None)
+}
+
+/// Encodes 8-bit samples of this `color` as a PNG file.
+///
+/// # Errors
+/// If the encoder fails.
+pub fn encode_samples(color: ColorType, size: (u32, u32), samples: &[u8]) -> ImageResult<Vec<u8>> {
+    encode(color, size, samples, None)
 }
 
 fn encode(
@@ -101,6 +120,27 @@ mod tests {
             (0..255).flat_map(near).chain(even).chain([-1.0, -0.0, 2.0, f32::INFINITY, f32::NEG_INFINITY, f32::NAN])
         {
             assert_eq!(to_8_bits(v), (v.clamp(0.0, 1.0) * 255.0).round() as u8, "{v}");
+        }
+    }
+
+    #[test]
+    fn straight_alpha_laid_over_the_background_gives_the_render() {
+        let background = [1.0, 0.5, 0.0];
+        let render: Vec<f32> = (0..64)
+            .flat_map(|i| {
+                let (alpha, colour) = (i as f32 / 63.0, [0.2, 0.9, 0.4]);
+                let over = |c: usize| alpha * colour[c] + (1.0 - alpha) * background[c];
+                [over(0), over(1), over(2), alpha]
+            })
+            .collect();
+        let rgba = to_rgba8(&render, background);
+        assert_eq!((&rgba[..4], &rgba[4 * 63..]), (&[0; 4][..], &[51, 230, 102, 255][..]));
+        for (pixel, straight) in render.chunks(4).zip(rgba.chunks(4)) {
+            let alpha = f32::from(straight[3]) / 255.0;
+            for c in 0..3 {
+                let again = alpha * f32::from(straight[c]) / 255.0 + (1.0 - alpha) * background[c];
+                assert!((again - pixel[c]).abs() < 1.5 / 255.0, "{pixel:?} {straight:?}");
+            }
         }
     }
 

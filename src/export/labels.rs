@@ -3,10 +3,10 @@
 //! This module holds the volume to write and its checks; the formats are in `nrrd` and `vti`. Nothing here computes
 //! labels.
 
-mod nrrd;
+pub(super) mod nrrd;
 #[cfg(test)]
 mod tests;
-mod vti;
+pub(super) mod vti;
 
 use crate::data::calibration::AxisConvention;
 use crate::files::{MARK, ReplaceError, write_named};

@@ -212,10 +212,7 @@ impl AtomicDir {
     /// # Errors
     /// `AlreadyExists` if something exists at the final path; any error of syncing or renaming.
     pub fn commit(self) -> io::Result<()> {
-        let taken = || {
-            let text = format!("{} already exists; choose another name or remove it", self.path.display());
-            io::Error::new(io::ErrorKind::AlreadyExists, text)
-        };
+        let taken = || io::Error::new(io::ErrorKind::AlreadyExists, "already exists; choose another name or remove it");
         if self.path.symlink_metadata().is_ok() {
             return Err(taken());
         }

@@ -20,6 +20,9 @@ const PAUSE: Duration = Duration::from_millis(10);
 /// How long nobody is refused for a locked file that does not yet say who holds it.
 const MAX_UNSIGNED: Duration = Duration::from_secs(2);
 
+/// A user whose number the system does not tell.
+const UNKNOWN: &str = "an unknown user";
+
 /// Depth of the folders of a run that may hold temporaries: `eval/test/pictures`.
 const DEPTH: usize = 3;
 
@@ -36,7 +39,7 @@ pub enum Work {
 /// Who holds a run, as recorded in the lock file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Holder {
-    /// The user's name.
+    /// The user, as the system identifies the process: the number with the name, if that is known here.
     pub user: String,
     /// Name of the machine.
     pub host: String,
@@ -194,7 +197,7 @@ impl Holder {
         let variable = |name: &str| std::env::var(name).ok().filter(|v| !v.is_empty());
         let host = crate::process::host_name().or_else(|| variable("HOSTNAME"));
         Self {
-            user: variable("USER").or_else(|| variable("LOGNAME")).unwrap_or_else(|| "an unknown user".into()),
+            user: crate::process::user().unwrap_or_else(|| UNKNOWN.into()),
             host: host.unwrap_or_else(|| "this machine".into()),
             pid: std::process::id(),
             command: command.to_owned(),
@@ -205,7 +208,7 @@ impl Holder {
 
     fn unknown() -> Self {
         Self {
-            user: "an unknown user".into(),
+            user: UNKNOWN.into(),
             host: "this machine".into(),
             pid: 0,
             command: "volseggs".into(),
@@ -246,6 +249,8 @@ mod tests {
         let started = Instant::now();
         let error = RunLock::acquire(dir.path(), "volseggs edit", Work::Short).unwrap_err().to_string();
         assert!(error.contains("`volseggs train`, run by") && error.contains("process"), "{error}");
+        #[cfg(target_os = "linux")]
+        assert!(error.contains("uid "), "{error}");
         assert!(started.elapsed() < Duration::from_secs(2));
         assert_eq!(RunLock::is_held(dir.path()), Some(true));
         drop(held);

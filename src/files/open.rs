@@ -3,7 +3,7 @@
 use crate::memory::Budget;
 use std::fs::{File, FileType, Metadata, OpenOptions};
 use std::io::{self, ErrorKind, Read};
-use std::path::Path;
+use std::path::{Component, Path};
 
 /// Size in bytes up to which files are read without checking that they fit into memory.
 const MAX_UNCHECKED: u64 = 1 << 26;
@@ -25,6 +25,22 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
     let file = options.open(path)?;
     regular(&file.metadata()?)?;
     Ok(file)
+}
+
+/// Whether a path that a file names leads out of the folder that it is relative to: an absolute one, or one whose `..`
+/// outnumber the folders before them. Links are not resolved, as the user has made them.
+#[must_use]
+pub fn leads_out(path: &Path) -> bool {
+    let mut depth = 0i64;
+    path.components().any(|part| {
+        match part {
+            Component::Prefix(_) | Component::RootDir => return true,
+            Component::ParentDir => depth -= 1,
+            Component::Normal(_) => depth += 1,
+            Component::CurDir => {}
+        }
+        depth < 0
+    })
 }
 
 /// Opens a regular file that will be read as a whole, and returns it with its length in bytes.
@@ -113,6 +129,16 @@ mod tests {
         std::fs::write(&path, [0xff, 0xfe]).unwrap();
         assert!(read_text(&path).unwrap_err().to_string().contains("not UTF-8 text"));
         assert!(is_user_error(&read_text(Path::new("not/there")).unwrap_err()));
+    }
+
+    #[test]
+    fn paths_that_lead_out_of_their_folder_are_known() {
+        for out in ["/etc/passwd", "..", "../a", "a/../../b", "./../a", "a/b/../../../c"] {
+            assert!(leads_out(Path::new(out)), "{out}");
+        }
+        for within in ["", "a", "./a/b", "a/../b", "..a", "a/b/../../c"] {
+            assert!(!leads_out(Path::new(within)), "{within}");
+        }
     }
 
     #[test]

@@ -8,7 +8,7 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// Mark by which files are recognised: near the beginning of each file whose name a user chooses (PNG, PLY, NRRD, VTI),
-/// or at its end if another program writes the beginning (MP4).
+/// or at its end if another program writes the beginning (MP4), or it has no room for a comment (NPY).
 pub const MARK: &str = "volseggs";
 /// Number of first bytes in which the mark is looked for.
 const HEAD: u64 = 4096;
@@ -174,22 +174,22 @@ pub fn check_file(path: &Path) -> Result<(), ReplaceError> {
     if !kind.is_file() {
         return foreign(if kind.is_dir() { "is a folder" } else { "is not a regular file" });
     }
-    let (head, end) = ends(path).map_err(io)?;
-    if head.is_empty() || head.windows(MARK.len()).any(|w| w == MARK.as_bytes()) || end == MARK.as_bytes() {
-        return Ok(());
-    }
-    foreign("was not made by volseggs")
+    let empty = path.metadata().map_err(io)?.len() == 0;
+    if empty || has_mark(path).map_err(io)? { Ok(()) } else { foreign("was not made by volseggs") }
 }
 
-/// Reads the first bytes of a file, and as many of its last as the mark has.
-fn ends(path: &Path) -> io::Result<(Vec<u8>, Vec<u8>)> {
+/// Whether a file was made by this program: [`MARK`] is among its first bytes, or its last.
+///
+/// # Errors
+/// Any error of reading.
+pub fn has_mark(path: &Path) -> io::Result<bool> {
     let mut file = fs::File::open(path)?;
     let (mut head, mut end) = (Vec::new(), Vec::new());
     file.by_ref().take(HEAD).read_to_end(&mut head)?;
     let length = file.seek(SeekFrom::End(0))?;
     file.seek(SeekFrom::Start(length.saturating_sub(MARK.len() as u64)))?;
     file.take(MARK.len() as u64).read_to_end(&mut end)?;
-    Ok((head, end))
+    Ok(head.windows(MARK.len()).any(|w| w == MARK.as_bytes()) || end == MARK.as_bytes())
 }
 
 #[cfg(test)]

@@ -1,6 +1,13 @@
-//! Progress bars for long work, on standard error.
+//! Progress of long work on standard error: bars on a terminal, lines in a log.
 
+use crate::durations::rough_duration;
 use indicatif::{ProgressBar, ProgressStyle};
+use std::sync::{Mutex, PoisonError};
+
+/// Seconds until the first line.
+const FIRST_LINE: f64 = 5.0;
+/// Longest time between two lines, seconds.
+const LONGEST_WAIT: f64 = 60.0;
 
 /// A bar over `length` pieces of work called `unit`, with the time left and room for a message.
 #[must_use]
@@ -34,4 +41,64 @@ fn styled(length: usize, template: &str) -> ProgressBar {
         bar.set_style(style);
     }
     bar
+}
+
+/// Progress as lines, for logs, where no bar can be drawn: the first after five seconds, then at twice the time of the
+/// last one, but at least every minute.
+#[derive(Debug)]
+pub struct Lines {
+    first: usize,
+    total: usize,
+    /// Seconds after which the next line is due.
+    next: Mutex<f64>,
+}
+
+impl Lines {
+    /// Lines about `total` pieces of work, of which `first` were done before.
+    #[must_use]
+    pub fn new(first: usize, total: usize) -> Self {
+        Self { first, total, next: Mutex::new(FIRST_LINE) }
+    }
+
+    /// Whether a line is due with `done` pieces done, `seconds` after the work began: at intervals, and at the end.
+    pub fn is_due(&self, done: usize, seconds: f64) -> bool {
+        let mut next = self.next.lock().unwrap_or_else(PoisonError::into_inner);
+        if done < self.total && seconds < *next {
+            return false;
+        }
+        *next = seconds + seconds.clamp(FIRST_LINE, LONGEST_WAIT);
+        true
+    }
+
+    /// The time left in words, from the mean time of the pieces so far, and at most `most` seconds: `, 3 min left`; empty
+    /// at the beginning and the end.
+    #[must_use]
+    pub fn left(&self, done: usize, seconds: f64, most: f64) -> String {
+        let (here, open) = (done.saturating_sub(self.first), self.total.saturating_sub(done));
+        if here == 0 || open == 0 {
+            return String::new();
+        }
+        format!(", {} left", rough_duration((seconds * open as f64 / here as f64).min(most)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_come_soon_then_seldom_and_at_the_end() {
+        let lines = Lines::new(0, 1000);
+        let due: Vec<u32> = (0..=240).filter(|s| lines.is_due(1, f64::from(*s))).collect();
+        assert_eq!(due, [5, 10, 20, 40, 80, 140, 200]);
+        assert!(lines.is_due(1000, 241.0));
+    }
+
+    #[test]
+    fn the_time_left_follows_from_what_this_process_did() {
+        let lines = Lines::new(500, 1000);
+        let left = |done| lines.left(done, 10.0, f64::INFINITY);
+        assert_eq!((left(500), left(600), left(1000)), (String::new(), ", 40 s left".to_owned(), String::new()));
+        assert_eq!(lines.left(600, 10.0, 25.0), ", 25 s left");
+    }
 }

@@ -88,11 +88,7 @@ pub enum PrepareError {
     #[error(transparent)]
     Memory(#[from] TooLarge),
     /// There would be nothing to train on.
-    #[error(
-        "every training image is empty, so nothing was written: the transfer function {transfer} (over the values {} to \
-         {}) makes nothing visible in {source_of_values}; compare its opacities with the histogram: volseggs inspect \
-         VOLUME --transfer-function TF --picture histogram.png", span[0], span[1]
-    )]
+    #[error("every training image is empty, so nothing was written: {}", nothing_visible(source_of_values, transfer, *span, *size))]
     Empty {
         /// What was rendered.
         source_of_values: String,
@@ -100,6 +96,8 @@ pub enum PrepareError {
         transfer: String,
         /// Data values at its two ends.
         span: [f64; 2],
+        /// Sides of the volume in its own units.
+        size: [f64; 3],
     },
     /// A file system error.
     #[error("{}: {reason}", path.display())]
@@ -112,6 +110,45 @@ pub enum PrepareError {
     /// Stopped from outside; nothing was left behind.
     #[error("interrupted; nothing was written")]
     Interrupted,
+}
+
+/// Ratio of the longest to the shortest side from which a volume is so thin that this explains empty images.
+const THIN: f64 = 100.0;
+
+/// Why no image shows anything: the shape of the volume, or else the transfer function.
+fn nothing_visible(source: &str, transfer: &str, [low, high]: [f64; 2], size: [f64; 3]) -> String {
+    let (longest, shortest) = (size.into_iter().fold(0.0, f64::max), size.into_iter().fold(f64::INFINITY, f64::min));
+    if longest > THIN * shortest {
+        let [x, y, z] = size;
+        return format!(
+            "the volume {source} is {x} x {y} x {z} in size, so thin that there is next to nothing to see, as opacity \
+             accrues by length; correct its spacing"
+        );
+    }
+    format!(
+        "the transfer function {transfer} (over the values {low} to {high}) makes nothing visible in {source}; compare its \
+         opacities with the histogram: volseggs inspect VOLUME --transfer-function TF --picture histogram.png"
+    )
+}
+
+impl PrepareError {
+    /// Names the dataset `out` in place of the temporary folder `root` in which it was made, and each path once.
+    fn published_as(self, root: &Path, out: &Path) -> Self {
+        let (path, reason) = match self {
+            Self::Write { path, reason } => (path, reason),
+            Self::Data(DataError::Io { path, action, source, hint }) if path.starts_with(root) => {
+                (path, format!("cannot {action}: {source}. Hint: {hint}"))
+            }
+            other => return other,
+        };
+        let named = |text: String| text.replace(&*root.to_string_lossy(), &out.to_string_lossy());
+        let mut reason = named(reason);
+        let name = named(path.display().to_string());
+        while let Some(rest) = reason.strip_prefix(&format!("{name}: ")) {
+            reason = rest.to_owned();
+        }
+        Self::Write { path: name.into(), reason }
+    }
 }
 
 /// The folder of a dataset that was prepared here.
@@ -173,16 +210,37 @@ pub fn prepare(
 ) -> Result<PrepareRecord, PrepareError> {
     let started = Instant::now();
     check(source, transfer, options, out)?;
-    let write_error =
-        |path: &Path, e: &dyn std::fmt::Display| PrepareError::Write { path: path.to_owned(), reason: e.to_string() };
     if let Some(parent) = out.parent().filter(|p| !p.as_os_str().is_empty()) {
         std::fs::create_dir_all(parent).map_err(|e| write_error(parent, &e))?;
     }
+    let folder = AtomicDir::create(out).map_err(|e| write_error(out, &e))?;
+    let built = build(source, transfer, options, folder.dir(), progress, stop, started);
+    let record = built.map_err(|e| e.published_as(folder.dir(), out))?;
+    if options.replace {
+        folder.commit_replacing(&FOLDER, &needed(source, options))?;
+    } else {
+        folder.commit().map_err(|e| match e.kind() {
+            // another process was faster
+            std::io::ErrorKind::AlreadyExists => PrepareError::Exists(out.to_owned()),
+            _ => write_error(out, &e),
+        })?;
+    }
+    Ok(record)
+}
+
+/// Makes the content of the dataset in the folder `root`.
+fn build(
+    source: &Source,
+    transfer: &TransferFunction,
+    options: &PrepareOptions,
+    root: &Path,
+    progress: &(dyn Fn(usize) + Sync),
+    stop: &AtomicBool,
+    started: Instant,
+) -> Result<PrepareRecord, PrepareError> {
     let span = transfer.span(source.range()?);
     let grid = source.grid();
     let placement = Placement::new(&grid, options.side);
-    let folder = AtomicDir::create(out).map_err(|e| write_error(out, &e))?;
-    let root = folder.dir();
     let mut jobs: Vec<Job> = Vec::new();
     for (split, views) in [
         (SplitName::Train, training_views(&options.views, source.len())),
@@ -233,7 +291,8 @@ pub fn prepare(
         segments.render(step, &caster, stop)?;
     }
     if empty_times.len() == trained {
-        return Err(PrepareError::Empty { source_of_values: source.describe(), transfer: transfer.name.clone(), span });
+        let (source_of_values, size) = (source.describe(), grid.size());
+        return Err(PrepareError::Empty { source_of_values, transfer: transfer.name.clone(), span, size });
     }
     let names = segments.finish(stop)?;
     let pictures = preview(root, 12)?;
@@ -269,12 +328,11 @@ pub fn prepare(
         let path = root.join(name);
         write_atomic(&path, &bytes).map_err(|e| write_error(&path, &e))?;
     }
-    if options.replace {
-        folder.commit_replacing(&FOLDER, &needed(source, options))?;
-    } else {
-        folder.commit().map_err(|e| write_error(out, &e))?;
-    }
     Ok(record)
+}
+
+fn write_error(path: &Path, e: &dyn std::fmt::Display) -> PrepareError {
+    PrepareError::Write { path: path.to_owned(), reason: e.to_string() }
 }
 
 fn jobs_of_test(jobs: &[Job]) -> Vec<View> {

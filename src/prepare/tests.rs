@@ -132,6 +132,43 @@ fn a_dataset_is_replaced_only_on_request() {
     assert!(matches!(make(&out, &options(24)), Err(PrepareError::Exists(_))));
     let again = PrepareOptions { replace: true, ..options(30) };
     assert_eq!(make(&out, &again).unwrap().size, [30, 30]);
+    // another process takes the name in the meantime
+    let (source, transfer) = source(Synthetic::Shells);
+    let raced = folder.path().join("raced");
+    let take = |_| drop(std::fs::create_dir_all(&raced));
+    let error = prepare(&source, &transfer, &options(24), &raced, &take, &AtomicBool::new(false)).unwrap_err();
+    assert!(matches!(error, PrepareError::Exists(_)), "{error}");
+    let name = raced.display().to_string();
+    assert_eq!(error.to_string().matches(&name).count(), 1, "{error}");
+}
+
+#[test]
+fn errors_name_the_dataset_and_each_path_once() {
+    let (root, out) = (Path::new("a/.tmp-data-7@0-0"), Path::new("a/data"));
+    let write = |path: &str, reason: &str| PrepareError::Write { path: path.into(), reason: reason.into() };
+    for (error, text) in [
+        (write("a/.tmp-data-7@0-0", "a/.tmp-data-7@0-0: No space left"), "a/data: No space left"),
+        (
+            write("a/.tmp-data-7@0-0/volumes/x", "a/.tmp-data-7@0-0/volumes/x: File too large"),
+            "a/data/volumes/x: File too large",
+        ),
+        (write("elsewhere", "gone"), "elsewhere: gone"),
+    ] {
+        assert_eq!(error.published_as(root, out).to_string(), text);
+    }
+    let source = std::io::ErrorKind::StorageFull.into();
+    let (path, hint) = (root.join("transforms_train.json"), "make room".to_owned());
+    let error = PrepareError::Data(DataError::Io { path, action: "write the file", source, hint });
+    let text = error.published_as(root, out).to_string();
+    assert!(text.starts_with("a/data/transforms_train.json: cannot write the file: ") && text.contains("make room"));
+}
+
+#[test]
+fn a_volume_that_is_too_thin_to_be_seen_is_the_reason() {
+    let reason = |size: [f64; 3]| nothing_visible("v.nrrd", "fire", [0.0, 1.0], size);
+    assert!(reason([1e-20, 30.0, 30.0]).contains("correct its spacing"));
+    assert!(reason([30.0, 30.0, 1e4]).contains("30 x 30 x 10000"));
+    assert!(reason([1.0, 2.0, 40.0]).contains("makes nothing visible"));
 }
 
 #[test]

@@ -61,7 +61,16 @@ pub struct Trained {
 pub fn open(run: &OpenRun, device: &Device) -> Result<(AffinityField, AffinitySpec), RunError> {
     let path = run.paths().affinity();
     if !path.exists() {
-        return Err(RunError::input(format!("{}: no affinity field; run `volseggs segment fine`", path.display())));
+        let run_path = shell::path(&run.path);
+        let masks = if run.paths().masks().exists() {
+            String::new()
+        } else {
+            format!("`volseggs segment masks {run_path}` and then ")
+        };
+        return Err(RunError::input(format!(
+            "{}: no affinity field; run {masks}`volseggs segment fine {run_path}`",
+            path.display()
+        )));
     }
     let (field, spec) = file::load(&path, device).map_err(RunError::input)?;
     if spec.scene != run.scene.fingerprint() {

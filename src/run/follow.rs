@@ -12,6 +12,7 @@ use crate::track::report::{PictureOptions, ReportError, ReportFolder};
 use crate::track::statistics::{SegmentStatistics, Status};
 use burn::tensor::Device;
 use rayon::prelude::*;
+use std::path::Path;
 
 /// Maximum number of pictures in the sheet of a segment.
 pub const SHEET: usize = 8;
@@ -81,6 +82,8 @@ pub struct FollowRequest<'a> {
     pub edited: bool,
     /// Which pictures to keep.
     pub pictures: PictureOptions,
+    /// Where the folder of each segment goes, instead of into the run.
+    pub out: Option<&'a Path>,
 }
 
 /// Progress, reported for each time.
@@ -110,7 +113,8 @@ pub fn measure(
     follow_all(run, &wanted, &times.list(), goes_on)
 }
 
-/// Tracks segments, in the units of the data, and writes a folder for each into the run's folder of tracks. Returns `None` if `goes_on`, called at
+/// Tracks segments, in the units of the data, and writes a folder for each, into the run's folder of tracks unless the
+/// request names another. Returns `None` if `goes_on`, called at
 /// each time, stopped it; earlier folders are then unchanged.
 ///
 /// # Errors
@@ -123,14 +127,17 @@ pub fn follow(
     mut goes_on: impl FnMut(Stage) -> bool,
 ) -> Result<Option<Vec<Followup>>, RunError> {
     let wanted = wanted(run, request.segments, request.group)?;
-    check_group(run, &wanted)?;
+    let folder = request.out.map_or_else(|| run.paths().tracks(), Path::to_owned);
+    if request.out.is_none() {
+        check_group(run, &wanted)?;
+    }
     check_memory(&wanted, request.times, request.asked)?;
     let times = &request.times.list()[..];
     let shown = Selection::open(run, &[], request.edited)?;
 
     // created before the work, so that a folder that cannot be replaced is reported at once
-    let folder = |w: &Wanted| ReportFolder::create(&run.paths().tracks(), &w.name, request.pictures);
-    let mut reports = wanted.iter().map(folder).collect::<Result<Vec<_>, _>>().map_err(report_error)?;
+    let report = |w: &Wanted| ReportFolder::create(&folder, &w.name, request.pictures);
+    let mut reports = wanted.iter().map(report).collect::<Result<Vec<_>, _>>().map_err(report_error)?;
     let found = follow_all(run, &wanted, times, || goes_on(Stage::Followed))?;
     let Some(mut found) = found else { return Ok(None) };
 

@@ -4,10 +4,10 @@
 use super::RunError;
 use crate::data::{Calibration, Camera};
 use crate::export::animation::{AnimationError, try_write_apng};
-use crate::export::images::{encode_png, to_rgb8};
+use crate::export::images::{encode_samples, to_rgb8, to_rgba8};
 use crate::export::video::{Mp4, VideoError};
 use crate::files::{AtomicDir, FolderKind, check_file};
-use image::RgbImage;
+use png::ColorType;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -53,24 +53,49 @@ pub struct Record {
     pub calibration: Calibration,
 }
 
+/// What is behind the pictures of a render.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Background {
+    /// The colour that the scene was trained over.
+    #[default]
+    Scene,
+    /// Nothing: pictures, drawn over this colour, are written with straight alpha.
+    Transparent([f32; 3]),
+}
+
+impl Background {
+    fn color(self) -> ColorType {
+        if self == Self::Scene { ColorType::Rgb } else { ColorType::Rgba }
+    }
+
+    /// The 8-bit samples of a frame `[H, W, 4]`.
+    fn samples(self, image: &[f32], camera: &Camera) -> Vec<u8> {
+        match self {
+            Self::Scene => to_rgb8(image, camera.width as usize, camera.height as usize).into_raw(),
+            Self::Transparent(colour) => to_rgba8(image, colour),
+        }
+    }
+}
+
 /// Function that draws a frame from a camera and a time in [0, 1] to `[H, W, 4]`, as [`super::look::Look::frame`] or a
 /// model does.
 pub type Draw<'a> = dyn FnMut(&Camera, f64) -> Result<Vec<f32>, RunError> + 'a;
 
-/// Draws a frame and adds the time taken to `seconds`.
+/// Draws a frame and adds the time taken to `seconds`; returns its samples.
 fn picture(
     draw: &mut Draw<'_>,
     (camera, time): (&Camera, f64),
+    background: Background,
     stop: &AtomicBool,
     seconds: &mut f64,
-) -> Result<RgbImage, RunError> {
+) -> Result<Vec<u8>, RunError> {
     if stop.load(Ordering::Relaxed) {
         return Err(RunError::failure("interrupted; nothing was written"));
     }
     let started = Instant::now();
     let image = draw(camera, time)?;
     *seconds += started.elapsed().as_secs_f64();
-    Ok(to_rgb8(&image, camera.width as usize, camera.height as usize))
+    Ok(background.samples(&image, camera))
 }
 
 fn of_animation(error: AnimationError) -> RunError {
@@ -115,30 +140,35 @@ pub fn check_name(out: &Path) -> Result<(), RunError> {
 /// seconds spent on drawing alone.
 ///
 /// # Errors
-/// If a frame cannot be drawn or written, `ffmpeg` is missing, something else is at `out`, or `stop` was set.
+/// If a frame cannot be drawn or written, `ffmpeg` is missing, an MP4 was to be transparent, something else is at `out`,
+/// or `stop` was set.
 pub fn film(
     out: &Path,
     draw: &mut Draw<'_>,
     views: &[(Camera, f64)],
+    background: Background,
     fps: u16,
     stop: &AtomicBool,
 ) -> Result<f64, RunError> {
     let mut seconds = 0.0;
     let (width, height) = views.first().map_or((1, 1), |(c, _)| (c.width, c.height));
-    let mut frames = views.iter().map(|(camera, time)| picture(draw, (camera, *time), stop, &mut seconds));
+    let mut frames = views.iter().map(|(camera, time)| picture(draw, (camera, *time), background, stop, &mut seconds));
     if out.extension().is_some_and(|e| e.eq_ignore_ascii_case("mp4")) {
+        if background != Background::Scene {
+            let problem = "MP4 holds no transparency; write NAME.png or a folder, or omit --background";
+            return Err(RunError::input(format!("--out {}: {problem}", out.display())));
+        }
         let of_video = |e: VideoError| match e {
             VideoError::Replace(e) => e.into(),
             VideoError::Missing { .. } => RunError::input(e),
             e => RunError::failure(e),
         };
         let mut film = Mp4::create(out, (width, height), fps).map_err(of_video)?;
-        frames.try_for_each(|frame| film.add(frame?.as_raw()).map_err(of_video))?;
+        frames.try_for_each(|frame| film.add(&frame?).map_err(of_video))?;
         film.finish().map_err(of_video)?;
     } else {
         check_file(out)?;
-        let frames = frames.map(|frame| frame.map(RgbImage::into_raw));
-        try_write_apng(out, frames, width, height, fps).map_err(of_animation)?;
+        try_write_apng(out, frames, (width, height), background.color(), fps).map_err(of_animation)?;
     }
     Ok(seconds)
 }
@@ -170,16 +200,17 @@ impl Frames {
         &mut self,
         draw: &mut Draw<'_>,
         views: &[(Camera, f64)],
+        background: Background,
         fps: u16,
         stop: &AtomicBool,
     ) -> Result<(), RunError> {
         let animation = self.folder.dir().join(ANIMATION);
         let (width, height) = views.first().map_or((1, 1), |(c, _)| (c.width, c.height));
-        let mut frames = views.iter().enumerate().map(|(i, view)| self.frame(draw, i, view, stop));
+        let mut frames = views.iter().enumerate().map(|(i, view)| self.frame(draw, i, view, background, stop));
         if frames.len() < 2 {
             return frames.next().map_or(Ok(()), |frame| frame.map(drop));
         }
-        try_write_apng(&animation, frames, width, height, fps).map_err(of_animation)
+        try_write_apng(&animation, frames, (width, height), background.color(), fps).map_err(of_animation)
     }
 
     fn frame(
@@ -187,13 +218,15 @@ impl Frames {
         draw: &mut Draw<'_>,
         i: usize,
         (camera, time): &(Camera, f64),
+        background: Background,
         stop: &AtomicBool,
     ) -> Result<Vec<u8>, RunError> {
-        let image = picture(draw, (camera, *time), stop, &mut self.seconds)?;
+        let samples = picture(draw, (camera, *time), background, stop, &mut self.seconds)?;
         let path = self.folder.dir().join(format!("{i:04}.png"));
-        let bytes = encode_png(&image).map_err(RunError::failure)?;
+        let size = (camera.width, camera.height);
+        let bytes = encode_samples(background.color(), size, &samples).map_err(RunError::failure)?;
         std::fs::write(&path, bytes).map_err(|e| RunError::failure(format!("{}: {e}", path.display())))?;
-        Ok(image.into_raw())
+        Ok(samples)
     }
 
     /// Writes the record and publishes the folder, replacing an older render.

@@ -6,9 +6,11 @@
 //! [`palette`]), and [`frames`] writes pictures; [`view`] combines these for one picture, [`saved`] keeps it in files,
 //! and [`keyframes`] are camera paths through such pictures. [`status`] is the state of training. [`segments`] changes
 //! the segments; [`split`] and [`pick`] find new ones with the field that [`affinity`] trains on [`masks`]; [`labels`]
-//! transfers them to voxels. [`edits`] changes the edits, [`follow`] tracks segments, [`export`] writes files for other
-//! programs, [`pack`] a small copy of the run, [`relocate`] records where its dataset is, and [`measure`] evaluates the run. `files::RunPaths` gives the location
-//! of every file.
+//! transfers them to voxels, [`fields`] density, velocity and colour; [`materials`] says which colours of the transfer
+//! function they have. [`numbers`] writes depth and velocity of pictures as numbers. [`edits`] changes the edits,
+//! [`follow`] tracks segments, [`export`] writes files for other programs, [`pack`] a small copy of the run,
+//! [`relocate`] records where its dataset is, and [`measure`] evaluates the run. `files::RunPaths` gives the location of
+//! every file.
 
 pub mod affinity;
 pub mod cameras;
@@ -17,13 +19,16 @@ mod dataset;
 pub mod edits;
 mod error;
 pub mod export;
+pub mod fields;
 pub mod follow;
 pub mod frames;
 pub mod keyframes;
 pub mod labels;
 pub mod look;
 pub mod masks;
+pub mod materials;
 pub mod measure;
+pub mod numbers;
 mod open;
 pub mod pack;
 pub mod palette;

@@ -45,7 +45,9 @@ pub enum ClickError {
         time: f64,
     },
     /// There is no affinity field.
-    #[error("the run has no affinity field; run `volseggs segment fine`")]
+    #[error(
+        "the run has no affinity field; run `volseggs segment masks`, if it has no masks yet, and `volseggs segment fine`"
+    )]
     NoField,
     /// Any other error.
     #[error(transparent)]

@@ -130,6 +130,16 @@ fn next_name(
     best.1
 }
 
+/// Index of the colour nearest to `rgb` (sRGB in `[0, 1]`) in CIE Lab, where the hue of dull colours counts as much as
+/// that of others; `None` if there are no colours, or `rgb` is not finite.
+#[must_use]
+pub fn nearest_colour(colours: &[[f32; 3]], rgb: [f32; 3]) -> Option<usize> {
+    let lab = rgb_to_lab(rgb.map(|v| v.clamp(0.0, 1.0)));
+    let known = !colours.is_empty() && rgb.iter().all(|v| v.is_finite());
+    let table: Vec<[f32; 3]> = colours.iter().map(|colour| rgb_to_lab(*colour)).collect();
+    known.then(|| index_of_nearest(&table, |entry| by_hue(*entry, lab)))
+}
+
 /// `#rrggbb` of an sRGB colour, clamped to `[0, 1]` (NaN counts as 0).
 pub fn hex(rgb: [f32; 3]) -> String {
     let [r, g, b] = rgb.map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8);
@@ -227,6 +237,15 @@ mod tests {
             assert_eq!(entry.hex, format!("#{code:06x}"));
         }
         assert_eq!(NAMED.iter().map(|n| n.0).collect::<HashSet<_>>().len(), NAMED.len());
+    }
+
+    #[test]
+    fn a_mixed_colour_is_nearest_to_the_one_of_its_hue() {
+        let colours = [unpack(0xd7263d), unpack(0x2e86c1), unpack(0xf4f4f4)];
+        for (code, nearest) in [(0x8a4a3a, 0), (0xd0605a, 0), (0x405870, 1), (0x90b8d8, 1), (0xe0e0e0, 2)] {
+            assert_eq!(nearest_colour(&colours, unpack(code)), Some(nearest), "{code:06x}");
+        }
+        assert_eq!((nearest_colour(&[], [0.5; 3]), nearest_colour(&colours, [f32::NAN; 3])), (None, None));
     }
 
     #[test]

@@ -50,6 +50,19 @@ pub fn picture(gaussians: &HostGaussians, settings: SplatSettings, device: &Devi
     Picture { width: camera.width, height: camera.height, rgba, depth }
 }
 
+/// The means of `values` `[N, 3]` over what each pixel shows, weighted like colours, `[H, W, 3]`; NaN where nothing is
+/// visible. Values that are not finite count as 0.
+#[must_use]
+pub fn mean_values(gaussians: &HostGaussians, values: &[f32], settings: SplatSettings, device: &Device) -> Vec<f32> {
+    let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
+    let full = values.iter().map(|v| finite(*v).abs()).fold(f32::MIN_POSITIVE, f32::max);
+    // as colours they must not be negative
+    let shades = values.chunks_exact(3).map(|v| [0, 1, 2].map(|c| 0.5 + 0.5 * (finite(v[c]) / full)));
+    let drawn = draw(&flat(gaussians.clone(), shades), over_nothing(settings), device);
+    let mean = |p: &[f32], c: usize| if p[3] > 1.0 / 255.0 { full * (2.0 * p[c] / p[3] - 1.0) } else { f32::NAN };
+    drawn.chunks_exact(4).flat_map(|p| [0, 1, 2].map(|c| mean(p, c))).collect()
+}
+
 /// Colour over the background and alpha, `[H, W, 4]`.
 #[must_use]
 pub fn draw(gaussians: &HostGaussians, settings: SplatSettings, device: &Device) -> Vec<f32> {

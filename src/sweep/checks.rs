@@ -86,8 +86,16 @@ pub(super) fn check_seed_keys(file: &SweepFile, options: &PlanOptions) -> Result
     match found.into_iter().find_map(|(key, value)| Some((key, value?))) {
         None => Ok(()),
         Some((key, value)) => {
-            let list = if value.starts_with('[') { value } else { format!("[{}]", value.trim_start_matches('-')) };
-            Err((key, format!("seeds are a separate axis; write seeds = {list} at the top of the file")))
+            let list = if value.starts_with('[') { value } else { format!("[{value}]") };
+            let usable = toml::from_str::<Table>(&format!("seeds = {list}")).ok().and_then(|table| {
+                let is_seed = |v: &toml::Value| v.as_integer().is_some_and(|seed| seed >= 0);
+                table.get("seeds")?.as_array()?.iter().all(is_seed).then_some(list)
+            });
+            Err((key, match usable {
+                Some(list) => format!("seeds are a separate axis; write seeds = {list} at the top of the file"),
+                None => "seeds are a separate axis, of whole numbers from 0; write, for example, seeds = [0, 1, 2] at the \
+                         top of the file".to_owned(),
+            }))
         }
     }
 }

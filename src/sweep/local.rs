@@ -177,7 +177,7 @@ impl<'a> Pool<'a> {
                         if !said_held.contains(&job.index) {
                             said_held.push(job.index);
                             self.say(&format!(
-                                "{}: another process holds it; waiting",
+                                "{}: left to another process, which has it",
                                 self.plan.runs[job.index].label
                             ));
                         }

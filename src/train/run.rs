@@ -11,7 +11,7 @@ use crate::config::types::Config;
 use crate::data::{Dataset, Split, Surroundings};
 use crate::files::{LockError, RunLock, RunPaths, Work, read_text, write_atomic};
 use crate::log::jsonl::{JsonlWriter, truncate_after};
-use crate::log::progress;
+use crate::log::progress::{self, Lines};
 use crate::log::tensorboard::EventWriter;
 use crate::memory::peak_memory;
 use crate::metrics::psnr::{psnr_of_pictures, to_8_bits};
@@ -245,6 +245,7 @@ pub fn run(
     let limit = options.stop_after.map_or(total, |s| s.min(total));
     // created at the first step: an observer may print before it
     let mut bar = None;
+    let lines = Lines::new(first, limit);
     let on_terminal = std::io::stderr().is_terminal();
     // without its average the scene is another, even if no step is left
     let dropped = config.optim.average == 0 && changed.iter().any(|change| change.key == AVERAGE);
@@ -291,8 +292,11 @@ pub fn run(
             log_events(&mut events, &line).map_err(|e| log_error(&events_path, &e))?;
         }
         let text = message(report, smooth_psnr, test_psnr);
-        if !on_terminal && (every(config.output.eval_every) || every(1000)) {
-            errln!("{done}/{total} {:.0} s {text}", seconds());
+        let here = seconds() - seconds_before;
+        if !on_terminal && (lines.is_due(done, here) || every(config.output.eval_every)) {
+            let minutes = config.output.max_minutes;
+            let most = if minutes > 0.0 { 60.0 * minutes - seconds() } else { f64::INFINITY };
+            errln!("{done}/{total} {:.0} s{} {text}", seconds(), lines.left(done, here, most));
         }
         bar.set_position(done as u64);
         bar.set_message(text);

@@ -154,3 +154,24 @@ fn invalid_options() {
         train_refused(root.path(), more, arguments, words);
     }
 }
+
+#[test]
+fn negative_values_are_refused_by_their_own_option_and_no_message_names_a_rust_error() {
+    let root = dataset();
+    let scene = "prepare --synthetic jets --out out";
+    for (arguments, words) in [
+        (&format!("{scene} --seed -1")[..], &["'-1'", "--seed", "expected a whole number, 0 or above"][..]),
+        (&format!("{scene} --steps -1,2"), &["'-1'", "--steps", "expected a whole number, 0 or above"]),
+        (&format!("{scene} --test-views -3"), &["'-3'", "--test-views", "whole number"]),
+        (&format!("{scene} --memory -1G"), &["'-1G'", "--memory"]),
+        ("render run --out out --fps nan", &["'nan'", "--fps", "expected a whole number, 0 or above"]),
+        ("render run --out out --fps -5", &["'-5'", "--fps"]),
+        ("train --data data --out out --set seed=99999999999999999999", &["seed", "9223372036854775807"]),
+    ] {
+        let text = refused(volseggs().current_dir(root.path()).args(arguments.split(' ')), words);
+        for rust in ["unexpected argument", "invalid digit", "i128", "u64", "TOML value"] {
+            assert!(!text.contains(rust), "{arguments}: {text}");
+        }
+        assert!(!root.path().join("out").exists(), "{arguments}");
+    }
+}

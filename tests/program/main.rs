@@ -18,6 +18,7 @@ mod lpips_convert;
 mod masks;
 mod measures;
 mod moved;
+mod numbers;
 mod orientations;
 mod outputs;
 mod pack;

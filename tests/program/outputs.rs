@@ -122,6 +122,7 @@ fn impossible_numbers_are_refused() {
     refuse("render run --out frames", &centre, &["--camera", "is at the centre"]);
     refuse("render run --out frames", "--camera 1e12,0,0", &["--camera", "too far away"]);
     refuse("render run --out frames", "--camera 1,2,3 --frames 4", &["--camera", "--frames"]);
+    refuse("render run --out frames", "--view -1", &["--view -1", "neither the number of a test view"]);
     refuse("render run --out frames", "--path spiral", &["--path spiral", "orbit", "transforms_"]);
 }
 

@@ -327,7 +327,10 @@ fn wide_lenses_and_paths_below_a_file() {
     prepare(&["--fov", "120", "--out", &out]).assert().success();
     std::fs::write(folder.path().join("notes.txt"), "mine").unwrap();
     refused(&mut prepare(&["--out", &text(folder.path(), "notes.txt/data")]), &["notes.txt", "below a file"]);
-    refused(volseggs().args(["inspect", &out, "--transfer-function", "fire"]), &["--picture"]);
+    refused(
+        volseggs().args(["inspect", &out, "--transfer-function", "fire"]),
+        &["--transfer-function", "not a volume"],
+    );
 }
 
 #[test]

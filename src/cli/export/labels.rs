@@ -8,6 +8,7 @@ use crate::data::calibration::AxisConvention;
 use crate::log::progress;
 use crate::run::OpenRun;
 use crate::run::export::{LabelFormat, Output, Record, write_labels};
+use crate::run::fields::FieldPlan;
 use crate::run::labels::{Agreement, LabelPlan, Labelled, Labels, Truth};
 use crate::segment::dice::Confusion;
 use crate::volume::directions::Directions;
@@ -19,7 +20,7 @@ use std::path::{Path, PathBuf};
 
 /// Options for label volumes only.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Labels on voxels (.nrrd, .vti)")]
+#[command(next_help_heading = "Labels and fields on voxels (.nrrd, .vti, .npy)")]
 pub(super) struct LabelArgs {
     /// Voxels along the axes x, y, z of space, over the box around the volume; those of the prepared volume if not given.
     #[arg(long, value_name = "X,Y,Z", value_parser = voxels, conflicts_with = "like")]
@@ -31,7 +32,7 @@ pub(super) struct LabelArgs {
     /// ones shrink them [default: 0.5].
     #[arg(long, value_name = "SHARE", value_parser = fraction_f32, allow_negative_numbers = true)]
     threshold: Option<f32>,
-    /// Label the scene with the edits of the run applied; if not given, as trained.
+    /// Take the scene with the edits of the run applied; if not given, as trained.
     #[arg(long, conflicts_with = "no_edits")]
     edited: bool,
     /// Space that an NRRD file states; if not given, that of the data, or none where they name none.
@@ -57,6 +58,22 @@ impl LabelArgs {
     fn plan(&self, segments: Vec<String>) -> LabelPlan {
         let Self { dims, threshold, edited, .. } = *self;
         LabelPlan { segments, dims, like: self.like.clone(), threshold, edited }
+    }
+
+    /// The voxels and the scene of fields.
+    pub(super) fn field_plan(&self) -> FieldPlan {
+        let Self { dims, edited, .. } = *self;
+        FieldPlan { dims, like: self.like.clone(), edited, ..FieldPlan::default() }
+    }
+
+    /// The first option given that fields do not have.
+    pub(super) fn for_labels_only(&self) -> Option<&'static str> {
+        let all = [
+            ("--threshold", self.threshold.is_some()),
+            ("--space", self.space.is_some()),
+            ("--truth", !self.truth.is_empty()),
+        ];
+        all.into_iter().find(|(_, given)| *given).map(|(flag, _)| flag)
     }
 
     /// The meaning of the axes of space that the file states, if chosen.

@@ -1,5 +1,6 @@
 //! `volseggs export`: the parts shared by all formats; each kind of output has its own file.
 
+mod fields;
 mod labels;
 mod splats;
 
@@ -12,6 +13,7 @@ use crate::files::Work;
 use crate::memory::{Budget, product};
 use crate::run::OpenRun;
 use crate::run::export::{LabelFormat, SplatFormat, Units};
+use crate::run::fields::FieldKind;
 use clap::{Args, ValueEnum};
 use labels::LabelArgs;
 use std::path::{Path, PathBuf};
@@ -19,10 +21,10 @@ use std::path::{Path, PathBuf};
 /// Bytes per entry of the list of files.
 const FILE_BYTES: usize = 512;
 
-/// Write a run's Gaussians or the labels of its segments as standard files.
+/// Write a run's Gaussians, the labels of its segments, or fields on voxels as standard files.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs export checkpoints/first --time 0.5 --out scene.ply\n  volseggs export checkpoints/first --time 0.5 --out scene.spz\n  volseggs export checkpoints/first --time 0.5 --refit 0 --out as-trained.ply\n  volseggs export checkpoints/first --time data:150 --units physical --out at-150-s.ply\n  volseggs export checkpoints/first --frames 30 --out plys/\n  volseggs export checkpoints/first --segment red --no-edits --out red.ply\n  volseggs export checkpoints/first --time 0.5 --out labels.seg.nrrd\n  volseggs export checkpoints/first --time 0.5 --segment red.1 --segment red.2 --like volume.vti --out labels.vti\n  volseggs export checkpoints/first --format nrrd --time 0.5 --truth labels_050.nrrd\n\nThe format follows from the ending of --out: .ply, .spz, .nrrd, .seg.nrrd (which 3D Slicer opens as a segmentation) or .vti.\nThe PLY follows 3DGS and opens in its viewers (SuperSplat, antimatter15, gsplat); the SPZ is about a fifth of its size, with one byte for most numbers. Both include the edits of the run; hidden Gaussians are omitted. Where viewers would draw a scene differently, its opacities, sizes and colours are refitted to them (20 seconds a file for 200,000 Gaussians at 800x800 on two cores); positions and rotations stay.\nLabels are on the voxels of the volume that the dataset was prepared from: label 1 is the first segment named, 0 is none. They describe the scene as trained, so that they match the data, or with --edited the scene with the edits of the run. The file records which.\nWithout --segment, all segments without parts are labelled, and a Gaussian counts for a group only if no part contains it; with --segment, it counts for the last one named that contains it.\nA file or folder written by volseggs is replaced; anything else is refused."
+    after_help = "Examples:\n  volseggs export checkpoints/first --time 0.5 --out scene.ply\n  volseggs export checkpoints/first --time 0.5 --out scene.spz\n  volseggs export checkpoints/first --time 0.5 --refit 0 --out as-trained.ply\n  volseggs export checkpoints/first --time data:150 --units physical --out at-150-s.ply\n  volseggs export checkpoints/first --frames 30 --out plys/\n  volseggs export checkpoints/first --segment red --no-edits --out red.ply\n  volseggs export checkpoints/first --time 0.5 --out labels.seg.nrrd\n  volseggs export checkpoints/first --time 0.5 --segment red.1 --segment red.2 --like volume.vti --out labels.vti\n  volseggs export checkpoints/first --format nrrd --time 0.5 --truth labels_050.nrrd\n  volseggs export checkpoints/first --fields --time 0.5 --out fields.vti              # for ParaView\n  volseggs export checkpoints/first --fields density --segment red --frames 30 --format npy --out density/\n\nThe format follows from the ending of --out: .ply, .spz, .nrrd, .seg.nrrd (which 3D Slicer opens as a segmentation), .vti or .npy.\nThe PLY follows 3DGS and opens in its viewers (SuperSplat, antimatter15, gsplat); the SPZ is about a fifth of its size, with one byte for most numbers. Both include the edits of the run; hidden Gaussians are omitted. Where viewers would draw a scene differently, its opacities, sizes and colours are refitted to them (20 seconds a file for 200,000 Gaussians at 800x800 on two cores); positions and rotations stay.\nLabels are on the voxels of the volume that the dataset was prepared from: label 1 is the first segment named, 0 is none. They describe the scene as trained, so that they match the data, or with --edited the scene with the edits of the run. The file records which.\nWithout --segment, all segments without parts are labelled, and a Gaussian counts for a group only if no part contains it; with --segment, it counts for the last one named that contains it.\nFields are on the same voxels, in the units of the data: density is the extinction coefficient, the optical depth per length; velocity (of the trained deformation), colour and luminance are means of the Gaussians there, weighted by density, and 0 where there are none.\nA file or folder written by volseggs is replaced; anything else is refused."
 )]
 pub struct ExportArgs {
     /// Folder of the run.
@@ -49,6 +51,15 @@ pub struct ExportArgs {
     /// loader of 3DGS opens files of degree 3 only; other viewers also open smaller ones [default: 3].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=3))]
     sh_degree: Option<u8>,
+    /// Write fields on voxels (.vti, .nrrd, .npy): density, velocity, colour, luminance; without names the first three.
+    #[arg(
+        long,
+        value_name = "NAME,...",
+        num_args = 0..=1,
+        value_delimiter = ',',
+        default_missing_value = "density,velocity,colour"
+    )]
+    fields: Option<Vec<FieldKind>>,
     /// File, or folder with --frames; labels go to RUN/labels if not given.
     #[arg(long, value_name = "OUT")]
     out: Option<PathBuf>,
@@ -68,10 +79,12 @@ enum Format {
     Ply,
     /// Niantic's compressed splats, about a fifth of a PLY.
     Spz,
-    /// Labels of segments on voxels, for 3D Slicer and others.
+    /// Labels of segments or fields on voxels, for 3D Slicer and others.
     Nrrd,
-    /// Labels of segments on voxels, for VTK and ParaView.
+    /// Labels of segments or fields on voxels, for VTK and ParaView.
     Vti,
+    /// Fields on voxels, for NumPy.
+    Npy,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -86,7 +99,7 @@ impl Format {
     /// The format of a file with this name.
     fn of(path: &Path) -> Option<Self> {
         let extension = path.extension()?.to_str()?.to_ascii_lowercase();
-        [Self::Ply, Self::Spz, Self::Nrrd, Self::Vti].into_iter().find(|f| f.extension() == extension)
+        [Self::Ply, Self::Spz, Self::Nrrd, Self::Vti, Self::Npy].into_iter().find(|f| f.extension() == extension)
     }
 
     fn extension(self) -> &'static str {
@@ -95,6 +108,7 @@ impl Format {
             Self::Spz => SplatFormat::Spz.extension(),
             Self::Nrrd => LabelFormat::Nrrd(None).extension(),
             Self::Vti => LabelFormat::Vti.extension(),
+            Self::Npy => "npy",
         }
     }
 }
@@ -103,6 +117,7 @@ impl ExportArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
         let run = match (&self.out, self.format, self.frames) {
+            _ if self.fields.is_some() => OpenRun::open(&self.run, &device),
             // labels without --out are written into the run
             (None, Some(Format::Nrrd | Format::Vti), None) => {
                 OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)
@@ -115,11 +130,25 @@ impl ExportArgs {
         let run = self.data.of(run)?;
         let format = self.format()?;
         self.check(format)?;
+        match (&self.fields, format) {
+            (Some(kinds), Format::Nrrd | Format::Vti | Format::Npy) => return fields::run(&self, &run, kinds, format),
+            (Some(_), Format::Ply | Format::Spz) => {
+                return Err(CliError::input(
+                    "--fields: are on voxels; end the name of --out in .vti, .nrrd or .npy, or pass --format with a folder",
+                ));
+            }
+            (None, Format::Npy) => {
+                return Err(CliError::input(
+                    "--out: .npy holds fields; add --fields, or end the name in .ply, .nrrd or .vti",
+                ));
+            }
+            (None, _) => {}
+        }
         match format {
             Format::Ply => splats::run(&self, &run, SplatFormat::Ply),
             Format::Spz => splats::run(&self, &run, SplatFormat::Spz),
             Format::Nrrd => labels::run(&self, &run, LabelFormat::Nrrd(self.labels.space())),
-            Format::Vti => labels::run(&self, &run, LabelFormat::Vti),
+            Format::Vti | Format::Npy => labels::run(&self, &run, LabelFormat::Vti),
         }
     }
 
@@ -193,7 +222,7 @@ fn format_for(asked: Option<Format>, out: Option<&Path>, many: bool) -> Result<F
         (None, _, Some(ending)) => Ok(ending),
         (None, Some(_), None) if many => Ok(Format::Ply),
         (None, Some(_), None) => Err(format!(
-            "--out {shown}: the extension names no format; use .ply, .spz, .nrrd, .seg.nrrd or .vti, or pass --format"
+            "--out {shown}: the extension names no format; use .ply, .spz, .nrrd, .seg.nrrd, .vti or .npy, or pass --format"
         )),
         (None, None, _) => Err("--out: give the file to write, such as --out scene.ply; or pass --format nrrd or \
                                 --format vti for labels in RUN/labels"

@@ -3,6 +3,7 @@
 use super::super::CliError;
 use super::super::values::point;
 use crate::run::look::Show as Shows;
+use crate::run::numbers::Quantity;
 use crate::run::palette::Palette;
 use crate::track::velocity::Component;
 use clap::{Args, ValueEnum};
@@ -78,6 +79,24 @@ impl LookArgs {
             Some(axis) => format!("{show} {}", name(&axis)),
             None => show,
         }
+    }
+
+    /// The numbers that are shown; `None` if the colours stand for no numbers.
+    ///
+    /// # Errors
+    /// If options do not go together, or are for pictures alone.
+    pub(super) fn quantity(&self) -> Result<Option<Quantity>, CliError> {
+        self.show()?;
+        for (flag, given) in [("--palette", self.palette.is_some()), ("--light", self.light.is_some())] {
+            if given {
+                return Err(CliError::input(format!("{flag}: only for pictures; omit it, or write NAME.png")));
+            }
+        }
+        Ok(match self.show {
+            Some(Show::Depth) => Some(Quantity::Depth),
+            Some(Show::Velocity) => Some(Quantity::Velocity(self.velocity_axis.map(Into::into))),
+            _ => None,
+        })
     }
 
     /// What is shown.

@@ -11,19 +11,24 @@ use super::values::{count, positive};
 use super::{CliError, Common, print_json, stop_flag};
 use crate::data::Camera;
 use crate::files::same_file;
-use crate::run::frames::{Draw, Frames, Record, check_name, film, is_film};
+use crate::log::progress;
+use crate::run::frames::{Background, Draw, Frames, Record, check_name, film, is_film};
 use crate::run::look::{Legend, Look};
+use crate::run::numbers::{self, NumberFormat};
 use crate::run::{AnyRun, OpenRun, Trained};
-use clap::Args;
+use burn::tensor::Device;
+use clap::{Args, ValueEnum};
 use look::LookArgs;
 use serde::Serialize;
-use std::path::{Path, PathBuf};
+use serde_json::json;
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
 use views::Saved;
 
 /// Render a run along a path of cameras and times, as PNG files and an animation.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n  volseggs render checkpoints/first --path orbit --time data:150 --out orbit\n  volseggs render checkpoints/first --view 12 --out still\n  volseggs render checkpoints/first --view volseggs.png --out still\n  volseggs render checkpoints/first --path path.json --out flight.mp4\n  volseggs render checkpoints/first --path orbit --segment red --show depth --out depth\n  volseggs render checkpoints/shaded --light 1,0,1 --out relit\n  volseggs render checkpoints/first --show velocity --velocity-axis speed --out velocity\n\nWrites OUT/0000.png, ..., OUT/animation.png (of two or more frames; an animated PNG that browsers play) and OUT/frames.json (what they show). The folder appears once it is complete.\nVelocities are differences of trained positions over a hundredth of the series to either side; movements by edits do not count. The velocity scale ends where 1 % of the visible Gaussians exceed it; depth runs from the nearest to the farthest pixel. Both scales are those of the first frame that shows anything, and are printed on standard error."
+    after_help = "Examples:\n  volseggs render checkpoints/first --path test --out frames\n  volseggs render checkpoints/first --path orbit --frames 60 --time 0.5 --size 800 --out orbit\n  volseggs render checkpoints/first --path transforms_test.json --out frames\n  volseggs render checkpoints/first --camera 3,-2,1.5 --time 0.25 --out still\n  volseggs render checkpoints/first --path orbit --time data:150 --out orbit\n  volseggs render checkpoints/first --view 12 --out still\n  volseggs render checkpoints/first --view volseggs.png --out still\n  volseggs render checkpoints/first --path path.json --out flight.mp4\n  volseggs render checkpoints/first --path orbit --segment red --show depth --out depth\n  volseggs render checkpoints/shaded --light 1,0,1 --out relit\n  volseggs render checkpoints/first --show velocity --velocity-axis speed --out velocity\n  volseggs render checkpoints/first --path orbit --background transparent --out cut-out\n  volseggs render checkpoints/first --view 12 --show depth --out depth.exr        # numbers, not a picture\n  volseggs render checkpoints/first --path test --show velocity --out velocity.npy\n  volseggs render checkpoints/first --path orbit --out frames --json              # prints the cameras too\n\nWrites OUT/0000.png, ..., OUT/animation.png (of two or more frames; an animated PNG that browsers play) and OUT/frames.json (what they show). The folder appears once it is complete.\nVelocities are differences of trained positions over a hundredth of the series to either side; movements by edits do not count. The velocity scale ends where 1 % of the visible Gaussians exceed it; depth runs from the nearest to the farthest pixel. Both scales are those of the first frame that shows anything, and are printed on standard error.\nNumbers are float32, NaN where nothing is visible: depth along the direction of view [H, W], velocity [H, W, 3] or, with --velocity-axis, that component [H, W]; in .npy several frames are stacked, in .exr the channels are Z, V or X, Y, Z."
 )]
 pub struct RenderArgs {
     /// Folder of the run.
@@ -48,9 +53,13 @@ pub struct RenderArgs {
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..=1000))]
     fps: u16,
     /// Folder for the frames, created if missing; an older render in it is replaced as a whole, anything else is
-    /// refused. Or a single film: NAME.png (animated), or NAME.mp4 if the program ffmpeg is installed.
+    /// refused. Or a single film: NAME.png (animated), or NAME.mp4 if the program ffmpeg is installed. Or, with --show
+    /// depth or velocity, numbers in the units of the data: NAME.npy, or NAME.exr for a single view.
     #[arg(long, value_name = "DIR|FILE")]
     out: PathBuf,
+    /// What is behind the pictures.
+    #[arg(long, value_enum, default_value_t = Behind::Scene)]
+    background: Behind,
     #[command(flatten)]
     look: LookArgs,
     #[command(flatten)]
@@ -59,6 +68,14 @@ pub struct RenderArgs {
     shown: ShownArgs,
     #[command(flatten)]
     common: Common,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Behind {
+    /// The colour of the training images' background.
+    Scene,
+    /// Nothing: PNG files with straight alpha.
+    Transparent,
 }
 
 /// What is shown of a run without Gaussians, and the default for runs with Gaussians.
@@ -73,6 +90,39 @@ struct Report {
     out: String,
     #[serde(flatten)]
     legend: Option<Legend>,
+    /// The cameras with their times, as in `transforms_*.json`.
+    cameras: serde_json::Value,
+}
+
+/// The cameras and times of the frames as a `transforms_*.json`, which `--path` and other programs read. Where the lens
+/// changes from frame to frame, it is given for each.
+fn cameras(views: &[(Camera, f64)]) -> serde_json::Value {
+    let lens = |camera: &Camera| {
+        let Camera { width, height, fx, fy, cx, cy, .. } = camera;
+        json!({ "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "w": width, "h": height })
+    };
+    let frame = |(i, (camera, time)): (usize, &(Camera, f64))| {
+        let rows = camera.camera_to_world.transpose().to_cols_array_2d();
+        json!({ "file_path": format!("./{i:04}"), "transform_matrix": rows, "time": time })
+    };
+    let mut frames: Vec<serde_json::Value> = views.iter().enumerate().map(frame).collect();
+    let lenses: Vec<serde_json::Value> = views.iter().map(|(camera, _)| lens(camera)).collect();
+    let mut all = match lenses.first() {
+        Some(first) if lenses.iter().all(|lens| lens == first) => first.clone(),
+        _ => {
+            frames.iter_mut().zip(lenses).for_each(|(frame, lens)| merge(frame, lens));
+            json!({})
+        }
+    };
+    merge(&mut all, json!({ "frames": frames }));
+    all
+}
+
+/// Adds the entries of one JSON object to another.
+fn merge(into: &mut serde_json::Value, from: serde_json::Value) {
+    if let (Some(into), serde_json::Value::Object(from)) = (into.as_object_mut(), from) {
+        into.extend(from);
+    }
 }
 
 impl RenderArgs {
@@ -123,7 +173,18 @@ impl RenderArgs {
     }
 
     /// Draws the views into a folder with its record, or into one film; returns the frames per second.
-    fn draw(&self, run: &Path, draw: &mut Draw<'_>, views: &[(Camera, f64)], record: &Record) -> Result<f64, CliError> {
+    fn draw<S: Trained>(
+        &self,
+        run: &OpenRun<S>,
+        draw: &mut Draw<'_>,
+        views: &[(Camera, f64)],
+        record: &Record,
+    ) -> Result<f64, CliError> {
+        let background = match self.background {
+            Behind::Scene => Background::Scene,
+            Behind::Transparent => Background::Transparent(run.model().background()),
+        };
+        let run = run.path.as_path();
         let stop = stop_flag("stopping; nothing is written")?;
         let seconds = if is_film(&self.out) {
             // a picture that holds a view has this program's mark, but the film would not hold the view
@@ -135,13 +196,13 @@ impl RenderArgs {
                     if file == self.path { "path" } else { "view" }
                 )));
             }
-            film(&self.out, draw, views, self.fps, &stop)?
+            film(&self.out, draw, views, background, self.fps, &stop)?
         } else {
             let mut needed = vec![run];
             // `orbit` and `test` are names of paths, not files
             needed.extend(self.path.is_file().then_some(self.path.as_path()));
             let mut frames = Frames::create(&self.out, &needed)?;
-            frames.draw(draw, views, self.fps, &stop)?;
+            frames.draw(draw, views, background, self.fps, &stop)?;
             let seconds = frames.seconds;
             frames.finish(record, run)?;
             seconds
@@ -177,21 +238,74 @@ impl RenderArgs {
         if run.model().scene().is_none() {
             let record = Record { show: self.plain(&run, saved.as_ref())?, ..record };
             let draw = &mut |camera: &Camera, time: f64| Ok(run.model().render(camera.to_kernel(), time as f32));
-            let fps = self.draw(&run.path, draw, &views, &record)?;
-            return self.print(&record, fps, None);
+            let fps = self.draw(&run, draw, &views, &record)?;
+            return self.print(&record, &views, fps, None);
         }
         let run = run.gaussians()?;
+        if let Some(format) = NumberFormat::of(&self.out) {
+            if let Some(Saved { name, .. }) = &saved {
+                return Err(CliError::input(format!(
+                    "--out: {name} is a picture; give --camera or --view N for numbers"
+                )));
+            }
+            return self.numbers(&run, format, &views, &device);
+        }
         let (mut look, show, segments) = self.look(&run, saved.as_ref())?;
         let light = self.look.light.map(|v| v.to_array());
         let record = Record { show, light, segments, edits: look.selection().edits(), ..record };
         let draw = &mut |camera: &Camera, time: f64| look.frame(&run.scene, (camera.to_kernel(), time as f32), &device);
-        let fps = self.draw(&run.path, draw, &views, &record)?;
-        self.print(&record, fps, look.legend())
+        let fps = self.draw(&run, draw, &views, &record)?;
+        self.print(&record, &views, fps, look.legend())
     }
 
-    fn print(&self, record: &Record, render_fps: f64, legend: Option<Legend>) -> Result<(), CliError> {
+    /// Writes depth or velocity as numbers.
+    fn numbers(
+        &self,
+        run: &OpenRun,
+        format: NumberFormat,
+        views: &[(Camera, f64)],
+        device: &Device,
+    ) -> Result<(), CliError> {
+        let out = self.out.display();
+        let Some(quantity) = self.look.quantity()? else {
+            return Err(CliError::input(format!(
+                "--out {out}: numbers are written of depth and velocity; add --show depth or --show velocity, or write \
+                 NAME.png"
+            )));
+        };
+        if self.background == Behind::Transparent {
+            return Err(CliError::input("--background: numbers have none, they are NaN where nothing is; omit it"));
+        }
+        let stop = stop_flag("stopping; nothing is written")?;
+        let calibration = &run.record.calibration;
+        let shown = self.shown.select(run)?;
+        let bar = progress::bar(views.len(), "frames");
+        let done = numbers::write(run, &shown, (quantity, calibration), views, (&self.out, format), device, || {
+            bar.inc(1);
+            !stop.load(Ordering::Relaxed)
+        })?;
+        bar.finish_and_clear();
+        if !done {
+            return Err(CliError::failure("interrupted; nothing was written"));
+        }
+        let what = quantity.describe(calibration);
+        errln!("{what}; {} {}: {out}", views.len(), if views.len() == 1 { "frame" } else { "frames" });
+        if self.common.json {
+            let out = self.out.display().to_string();
+            print_json(&json!({ "frames": views.len(), "out": out, "values": what, "cameras": cameras(views) }))?;
+        }
+        Ok(())
+    }
+
+    fn print(
+        &self,
+        record: &Record,
+        views: &[(Camera, f64)],
+        render_fps: f64,
+        legend: Option<Legend>,
+    ) -> Result<(), CliError> {
         let ([width, height], out) = (record.size, self.out.display().to_string());
-        let report = Report { frames: record.frames, width, height, render_fps, out, legend };
+        let report = Report { frames: record.frames, width, height, render_fps, out, legend, cameras: cameras(views) };
         errln!(
             "{} {} of {width}x{height} in {}, rendered at {render_fps:.1} frames/second",
             report.frames,

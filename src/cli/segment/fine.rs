@@ -31,14 +31,14 @@ pub struct FineArgs {
     rate: f64,
     /// Cosine above which pixels of different masks repel; -1 is the paper's loss, which has no margin. With a margin,
     /// more parts can be distinguished.
-    #[arg(long, value_name = "COSINE", default_value_t = MARGIN, value_parser = cosine_f32, allow_negative_numbers = true)]
+    #[arg(long, value_name = "COSINE", default_value_t = MARGIN, value_parser = cosine_f32)]
     margin: f32,
     /// Scale at which a step queries the field: one drawn for all Gaussians, or that of each Gaussian's own mask, as in
     /// the paper [drawn, own].
     #[arg(long, value_name = "WHICH", default_value = "drawn")]
     mask_scale: MaskScale,
     /// Weight of the hierarchy loss: what belongs together at one scale stays together at larger ones.
-    #[arg(long, value_name = "W", default_value_t = 0.0, value_parser = not_negative, allow_negative_numbers = true)]
+    #[arg(long, value_name = "W", default_value_t = 0.0, value_parser = not_negative)]
     hierarchy: f64,
     /// Random seed.
     #[arg(long, default_value_t = 0)]

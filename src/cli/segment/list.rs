@@ -2,6 +2,7 @@
 
 use super::super::{CliError, Common, print_json};
 use crate::run::OpenRun;
+use crate::run::materials::{Assigned, Made, materials};
 use crate::run::segments::{RunSegments, Towards};
 use crate::segment::segmentation::Segment;
 use crate::shell;
@@ -9,7 +10,8 @@ use clap::Args;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// List the segments of a run, parts below their wholes.
+/// List the segments of a run, parts below their wholes. The last column is the colour of the transfer function that most
+/// of the segment is nearest to: a named range or, if the function names none, the value of a control point.
 #[derive(Debug, Args)]
 pub struct ListArgs {
     /// Folder of the run.
@@ -25,11 +27,20 @@ struct Report<'a> {
     /// Fingerprint of the scene.
     scene: &'a str,
     /// Each whole followed by its parts.
-    segments: Vec<&'a Segment>,
+    segments: Vec<Listed<'a>>,
     /// Changes that can be undone, the next one first.
     undo: Vec<&'a str>,
     /// Changes that can be redone, the next one first.
     redo: Vec<&'a str>,
+}
+
+#[derive(Serialize)]
+struct Listed<'a> {
+    #[serde(flatten)]
+    segment: &'a Segment,
+    /// What it is made of, if the dataset's transfer function is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    material: Option<Made>,
 }
 
 impl ListArgs {
@@ -39,13 +50,20 @@ impl ListArgs {
         let segments = RunSegments::open(&run)?;
         let (all, undo, redo) = (segments.now(), segments.steps(Towards::Undo), segments.steps(Towards::Redo));
         let tree = all.tree();
+        let known = materials(&run.record.dataset);
+        let assigned = (!known.is_empty() && !tree.is_empty()).then(|| Assigned::new(&run, &known));
+        let material = |segment: &Segment| assigned.as_ref().and_then(|assigned| assigned.most(&segment.members));
         if self.common.json {
-            let segments = tree.into_iter().map(|(_, segment)| segment).collect();
+            let listed = |(_, segment): (usize, _)| Listed { segment, material: material(segment) };
+            let segments = tree.into_iter().map(listed).collect();
             return print_json(&Report { gaussians: all.gaussians, scene: &all.scene, segments, undo, redo });
         }
         for (depth, segment) in &tree {
             let name = format!("{:width$}{}", "", segment.name, width = 2 * depth);
-            outln!("{name:30} {:>8} Gaussians  found at {:.3}", segment.members.len(), segment.time);
+            let made = material(segment).map_or_else(String::new, |Made { material, share }| {
+                format!("  {:.0} % {} {}", 100.0 * share, material.name, material.hex)
+            });
+            outln!("{name:30} {:>8} Gaussians  found at {:.3}{made}", segment.members.len(), segment.time);
         }
         let path = shell::path(&run.path);
         if tree.is_empty() {

@@ -30,7 +30,7 @@ pub struct PickArgs {
     #[command(flatten)]
     view: ViewArgs,
     /// Column and row of the clicked pixel.
-    #[arg(long, value_name = "X,Y", value_delimiter = ',', num_args = 1, required = true)]
+    #[arg(long, value_name = "X,Y", value_delimiter = ',', num_args = 1, required = true, allow_hyphen_values = true)]
     pixel: Vec<u32>,
     /// Time in [0, 1], or a time of the data, such as data:150; if not given, that of the test view, or else the one at which the segments were found.
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
@@ -53,7 +53,7 @@ pub struct PickArgs {
     #[arg(long, value_parser = fraction_f32)]
     scale: Option<f32>,
     /// Minimum cosine between the affinity features of the click and of what it selects, instead of a level.
-    #[arg(long, value_parser = cosine_f32, allow_negative_numbers = true)]
+    #[arg(long, value_parser = cosine_f32)]
     threshold: Option<f32>,
     /// Keep small pieces that do not touch the rest.
     #[arg(long)]

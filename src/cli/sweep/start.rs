@@ -37,7 +37,7 @@ pub(super) struct StartArgs {
     #[arg(long, value_name = "KEY=VALUE", conflicts_with = "data")]
     synthetic: Vec<String>,
     /// Seeds to use instead of the file's.
-    #[arg(long, value_name = "N,...", value_delimiter = ',')]
+    #[arg(long, value_name = "N,...", value_delimiter = ',', allow_hyphen_values = true)]
     seeds: Vec<u64>,
     /// Devices to use instead of the file's.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]

@@ -1,6 +1,8 @@
 //! NRRD: a text header, then the labels compressed with gzip. The keys `Segment...` are those of 3D Slicer.
 
 use super::{Cells, Extent, LabelVolume};
+use crate::data::calibration::AxisConvention;
+use crate::volume::grid::Grid;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use glam::DVec3;
@@ -8,7 +10,7 @@ use std::fmt::Write as _;
 use std::io::{self, Write as _};
 
 /// Encodes the whole file; `extents` are those of the named labels.
-pub fn encode(volume: &LabelVolume<'_>, extents: &[Extent], cells: &Cells) -> io::Result<Vec<u8>> {
+pub(super) fn encode(volume: &LabelVolume<'_>, extents: &[Extent], cells: &Cells) -> io::Result<Vec<u8>> {
     let mut file = header(volume, extents, cells.wide).into_bytes();
     let mut gzip = GzEncoder::new(&mut file, Compression::default());
     gzip.write_all(&cells.bytes)?;
@@ -16,35 +18,39 @@ pub fn encode(volume: &LabelVolume<'_>, extents: &[Extent], cells: &Cells) -> io
     Ok(file)
 }
 
+/// The lines of a header that place a grid, with `first` before its directions: the space, the directions, the origin.
+pub fn place(grid: &Grid, axes: Option<AxisConvention>, unit: Option<&str>, first: &str) -> String {
+    let mut lines = match axes {
+        Some(axes) => format!("space: {axes}\n"),
+        None => "space dimension: 3\n".to_owned(),
+    };
+    if let Some(unit) = unit {
+        let unit: String = unit.chars().filter(|c| !c.is_control() && *c != '"' && *c != '\\').collect();
+        // writing to a string cannot fail
+        let _ = writeln!(lines, "space units: \"{unit}\" \"{unit}\" \"{unit}\"");
+    }
+    let vector = |v: DVec3| format!("({},{},{})", v.x, v.y, v.z);
+    let steps = grid.steps();
+    let [dx, dy, dz] = [steps.x_axis, steps.y_axis, steps.z_axis].map(vector);
+    let origin = vector(DVec3::from_array(grid.origin));
+    lines + &format!("space directions: {first}{dx} {dy} {dz}\nspace origin: {origin}\n")
+}
+
 fn header(volume: &LabelVolume<'_>, extents: &[Extent], wide: bool) -> String {
     let [nx, ny, nz] = volume.grid.dims;
     let kind = if wide { "uint16" } else { "uint8" };
-    let mut space = match volume.axes {
-        Some(axes) => format!("space: {axes}"),
-        None => "space dimension: 3".to_owned(),
-    };
-    if let Some(unit) = volume.unit {
-        let unit: String = unit.chars().filter(|c| !c.is_control() && *c != '"' && *c != '\\').collect();
-        // writing to a string cannot fail
-        let _ = write!(space, "\nspace units: \"{unit}\" \"{unit}\" \"{unit}\"");
-    }
-    let vector = |v: DVec3| format!("({},{},{})", v.x, v.y, v.z);
-    let steps = volume.grid.steps();
-    let [dx, dy, dz] = [steps.x_axis, steps.y_axis, steps.z_axis].map(vector);
-    let origin = vector(DVec3::from_array(volume.grid.origin));
+    let place = place(&volume.grid, volume.axes, volume.unit, "");
     let comment = volume.comment();
     let mut text = format!(
         "NRRD0004\n\
          # {comment}\n\
          type: {kind}\n\
          dimension: 3\n\
-         {space}\n\
          sizes: {nx} {ny} {nz}\n\
-         space directions: {dx} {dy} {dz}\n\
+         {place}\
          kinds: domain domain domain\n\
          endian: little\n\
-         encoding: gzip\n\
-         space origin: {origin}\n"
+         encoding: gzip\n"
     );
     // Slicer renamed Master to Source; old versions need the former, new ones read both.
     let mut key = |key: &str, value: &str| {

@@ -1,6 +1,7 @@
 //! VTK XML image data: the labels as one appended array, compressed with zlib block by block.
 
 use super::{Cells, LabelVolume};
+use crate::volume::grid::Grid;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use std::io::{self, Write as _};
@@ -9,18 +10,12 @@ use std::io::{self, Write as _};
 const BLOCK: usize = 1 << 18;
 
 /// Encodes the whole file.
-pub fn encode(volume: &LabelVolume<'_>, cells: &Cells) -> io::Result<Vec<u8>> {
+pub(super) fn encode(volume: &LabelVolume<'_>, cells: &Cells) -> io::Result<Vec<u8>> {
     let kind = if cells.wide { "UInt16" } else { "UInt8" };
     let [nx, ny, nz] = volume.grid.dims.map(|d| d - 1);
     let ([sx, sy, sz], [ox, oy, oz]) = (volume.grid.spacing, volume.grid.origin);
     let extent = format!("0 {nx} 0 {ny} 0 {nz}");
-    // row by row; readers from before VTK 9 know none, so that it is written only where it says something
-    let direction = if volume.grid.directions.is_aligned() {
-        String::new()
-    } else {
-        let rows = volume.grid.directions.matrix().transpose().to_cols_array();
-        format!(r#" Direction="{}""#, rows.map(|v| v.to_string()).join(" "))
-    };
+    let direction = direction(&volume.grid);
     let n = volume.names.len();
     let values: Vec<String> = volume.names.iter().map(|l| l.value.to_string()).collect();
     let colours: Vec<String> = volume.names.iter().flat_map(|l| l.colour).map(|c| c.to_string()).collect();
@@ -46,7 +41,7 @@ pub fn encode(volume: &LabelVolume<'_>, cells: &Cells) -> io::Result<Vec<u8>> {
   <AppendedData encoding="raw">
    _"#,
         values.join(" "),
-        codes(volume),
+        codes(volume.names.iter().map(|l| l.name.as_str())),
         colours.join(" "),
     )
     .into_bytes();
@@ -55,15 +50,25 @@ pub fn encode(volume: &LabelVolume<'_>, cells: &Cells) -> io::Result<Vec<u8>> {
     Ok(file)
 }
 
-/// Encodes the names as VTK writes strings in text: the number of each byte, and 0 after each name.
-fn codes(volume: &LabelVolume<'_>) -> String {
-    let bytes = volume.names.iter().flat_map(|l| l.name.bytes().chain([0]));
+/// The attribute for the directions of a grid, row by row. Readers from before VTK 9 know none, so that it is written only
+/// where it says something.
+pub fn direction(grid: &Grid) -> String {
+    if grid.directions.is_aligned() {
+        return String::new();
+    }
+    let rows = grid.directions.matrix().transpose().to_cols_array();
+    format!(r#" Direction="{}""#, rows.map(|v| v.to_string()).join(" "))
+}
+
+/// Encodes texts as VTK writes strings in text: the number of each byte, and 0 after each of them.
+pub fn codes<'t>(texts: impl IntoIterator<Item = &'t str>) -> String {
+    let bytes = texts.into_iter().flat_map(|text| text.bytes().chain([0]));
     bytes.map(|b| b.to_string()).collect::<Vec<_>>().join(" ")
 }
 
 /// Compresses `bytes` after VTK's header: the number of blocks, the size of a block, that of the last if it is smaller,
 /// and the compressed size of each.
-fn append(file: &mut Vec<u8>, bytes: &[u8]) -> io::Result<()> {
+pub fn append(file: &mut Vec<u8>, bytes: &[u8]) -> io::Result<()> {
     let blocks = bytes.len().div_ceil(BLOCK);
     for number in [blocks, BLOCK, bytes.len() % BLOCK] {
         file.extend_from_slice(&(number as u64).to_le_bytes());

@@ -14,7 +14,7 @@ const RECORD: &str = "export.json";
 const KIND: FolderKind = FolderKind {
     what: "a folder of exported files",
     markers: &[RECORD],
-    entries: &["[0-9]*.ply", "[0-9]*.spz", "[0-9]*.nrrd", "[0-9]*.vti"],
+    entries: &["[0-9]*.ply", "[0-9]*.spz", "[0-9]*.nrrd", "[0-9]*.vti", "[0-9]*.npy"],
 };
 
 /// What a folder of exported files holds.

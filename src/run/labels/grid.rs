@@ -4,6 +4,7 @@
 use super::super::{OpenRun, RunError};
 use crate::data::calibration::{AxisConvention, PhysicalSpace};
 use crate::data::{Aabb, Normalisation};
+use crate::memory::{Budget, product};
 use crate::model::HostGaussians;
 use crate::prepare::PrepareRecord;
 use crate::volume::formats;
@@ -99,6 +100,19 @@ impl LabelGrid {
     }
 }
 
+/// Checks that voxels with `bytes` bytes each fit into memory; `like` is the file that they were taken from.
+///
+/// # Errors
+/// If they do not; the error names the option that chooses them.
+pub(in crate::run) fn check_memory(grid: &LabelGrid, like: Option<&Path>, bytes: usize) -> Result<(), RunError> {
+    let [x, y, z] = grid.file.dims;
+    let what = match like {
+        Some(file) => format!("--like {} ({x} x {y} x {z} voxels)", file.display()),
+        None => format!("--dims {x},{y},{z}"),
+    };
+    Budget::now().check(what, product(&[x, y, z, bytes])).map_err(RunError::input)
+}
+
 /// Chooses the voxels: those of the file `like`; else those that the dataset at `data` was prepared from (`record`), or
 /// `dims` voxels over the same box; else `dims` voxels over the box of the scene. Also returns notes: what had to be
 /// assumed, and what the reader of the file reports.
@@ -106,7 +120,7 @@ impl LabelGrid {
 /// # Errors
 /// If a file cannot be read, lies elsewhere or has other proportions than the prepared volume, or nothing gives the
 /// number of voxels.
-pub(super) fn choose(
+pub(in crate::run) fn choose(
     run: &OpenRun,
     data: &Path,
     record: Option<&PrepareRecord>,

@@ -3,7 +3,7 @@
 //! written by `export::labels`.
 
 mod choice;
-mod grid;
+pub(super) mod grid;
 mod truth;
 
 pub use grid::LabelGrid;
@@ -12,13 +12,12 @@ pub use truth::{Agreement, Score, Truth};
 use super::selection::Selection;
 use super::{OpenRun, RunError};
 use crate::export::labels::NamedLabel;
-use crate::memory::{Budget, product};
 use crate::prepare::PrepareRecord;
 use crate::segment::place::{Cloud, Places, SHARE, scene_grid};
 use crate::segment::segmentation::Segmentation;
 use crate::shell;
 use choice::Choice;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Bytes per voxel: the votes, the labels, the truth to compare with, and what is written.
 const VOXEL_BYTES: usize = 24;
@@ -76,7 +75,7 @@ impl<'r> Labels<'r> {
         let record = PrepareRecord::read(&data).map_err(RunError::input)?;
         let record = record.map(|record| record.normalised(&run.record.normalisation));
         let (grid, notes) = grid::choose(run, &data, record.as_ref(), plan.dims, plan.like.as_deref())?;
-        check_memory(&grid, plan.like.as_deref())?;
+        grid::check_memory(&grid, plan.like.as_deref(), VOXEL_BYTES)?;
         let share = plan.threshold.unwrap_or(SHARE);
         Ok(Self { run, selection, share, labels, names, listed, grid, data, notes })
     }
@@ -111,15 +110,6 @@ pub struct Labelled {
     /// For each label, the share of the segment's content whose Gaussians lie in its place, in [0, 1]; `None` if none
     /// of its Gaussians is visible.
     pub shares: Vec<Option<f64>>,
-}
-
-fn check_memory(grid: &LabelGrid, like: Option<&Path>) -> Result<(), RunError> {
-    let [x, y, z] = grid.file.dims;
-    let what = match like {
-        Some(file) => format!("--like {} ({x} x {y} x {z} voxels)", file.display()),
-        None => format!("--dims {x},{y},{z}"),
-    };
-    Budget::now().check(what, product(&[x, y, z, VOXEL_BYTES])).map_err(RunError::input)
 }
 
 fn listed(names: &[String], all: &Segmentation) -> Result<Vec<NamedLabel>, RunError> {

@@ -102,6 +102,12 @@ impl Bell {
         (whiten.is_finite() && density.is_finite()).then_some(found)
     }
 
+    /// The same with `factor` times its density.
+    #[must_use]
+    pub fn times(self, factor: f32) -> Self {
+        Self { density: factor * self.density, ..self }
+    }
+
     /// The cell that holds its centre; `None` outside of the grid.
     pub fn cell(&self, dims: [usize; 3]) -> Option<usize> {
         let at = self.centre.round();

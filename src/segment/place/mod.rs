@@ -34,11 +34,13 @@
 
 pub mod bell;
 pub mod density;
+mod fields;
 mod measure;
 pub mod sight;
 #[cfg(test)]
 mod tests;
 
+pub use fields::Fields;
 pub use measure::Measure;
 
 use crate::model::HostGaussians;

@@ -264,8 +264,16 @@ fn track(
     let times = Times::Even { from: 0.0, to: 1.0, frames };
     let asked = format!("{frames} times");
     let pictures = PictureOptions { keep: false, mask_alpha: MASK_ALPHA };
-    let request =
-        FollowRequest { segments, group, times: &times, asked: &asked, camera: &camera, edited: true, pictures };
+    let request = FollowRequest {
+        segments,
+        group,
+        times: &times,
+        asked: &asked,
+        camera: &camera,
+        edited: true,
+        pictures,
+        out: None,
+    };
     let mut done = [0, 0];
     let found = follow(run, &request, device, |stage| {
         let (k, unit) = match stage {

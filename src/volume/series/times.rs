@@ -65,7 +65,15 @@ fn normalised(path: &Path, steps: usize, times: Option<&[f64]>) -> Result<Vec<f6
         return bad(format!("{} times are given for {steps} steps", times.len()), "give one time for each step");
     }
     if let Some(i) = (0..steps).find(|&i| !times[i].is_finite() || (i > 0 && times[i] <= times[i - 1])) {
-        let problem = format!("time {i}, {}, is not finite or not above the previous one", times[i]);
+        let problem = match times[i].is_finite() {
+            true => format!(
+                "step {i} has the time {}, which is not after that of step {}, {}",
+                times[i],
+                i - 1,
+                times[i - 1]
+            ),
+            false => format!("step {i} has the time {}", times[i]),
+        };
         return bad(problem, "give finite, increasing times");
     }
     let (t0, t1) = (times[0], times[steps - 1]);

@@ -10,6 +10,7 @@ mod text;
 
 use super::common::{self, Shape};
 use super::decode::Endian;
+use crate::files::leads_out;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::Grid;
 use crate::volume::source::{Header, VolumeFile};
@@ -115,7 +116,9 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
 
     let place = Place::read(path, &text, &axes)?;
     let grid = Grid { dims: shape.dims, ..place.grid };
-    let notes = text.notes.into_iter().chain(axes.notes).chain(place.notes).collect();
+    let outside = text.files.iter().find(|file| leads_out(Path::new(file)));
+    let outside = outside.map(|file| format!("the data file {file} is not in the folder of its header"));
+    let notes = text.notes.into_iter().chain(axes.notes).chain(place.notes).chain(outside).collect();
     let header = Header { grid, scalar, steps: shape.steps, physical: place.physical, notes };
     Ok(Box::new(Nrrd { path: path.to_owned(), header, shape, time_first: axes.first == 1, data }))
 }

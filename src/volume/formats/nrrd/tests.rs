@@ -159,6 +159,14 @@ fn detached_one_list_and_pattern() {
         write(&p, format!("{head}{rest}")).unwrap();
         assert!(refused(&p).contains(want), "{rest}: {}", refused(&p));
     }
+    // a file elsewhere is read, with a note
+    let notes = |rest: &str| {
+        write(&p, format!("{head}encoding: raw\ndata file: {rest}")).unwrap();
+        open(&p).unwrap().header().notes.join("; ")
+    };
+    let whole = p.with_file_name("one.raw");
+    assert!(notes(&whole.display().to_string()).contains("is not in the folder of its header"));
+    assert!(!notes("data/../one.raw").contains("folder"));
     // Four dimensions over files of one step, time last.
     write(&p, "NRRD0004\ntype: uint8\ndimension: 4\nsizes: 2 1 1 3\nencoding: raw\ndata file: data/s%02d.raw 2 0 -1")
         .unwrap();
