@@ -57,7 +57,10 @@ pub use burn;
 #[must_use]
 pub fn main() -> std::process::ExitCode {
     memory::keep_freed_pages();
-    let outcome = cli::Cli::read().run();
+    process::report_file_limits();
+    let command = cli::Cli::read();
+    let started = process::start_threads().map_err(cli::CliError::failure);
+    let outcome = started.and_then(|()| command.run());
     let printed = terminal::finish().map_err(|e| cli::CliError::failure(format!("standard output: {e}")));
     match outcome.and(printed) {
         Ok(()) => std::process::ExitCode::SUCCESS,

@@ -140,15 +140,15 @@ fn min_left(top: &Path, group: &str, [limit, used, before]: [&str; 3]) -> Option
     folder.ancestors().take_while(|f| f.starts_with(top)).filter_map(left).min()
 }
 
-/// Address space left by `ulimit -v`.
+/// Address space left by `ulimit -v`, in bytes.
 #[cfg(any(target_os = "linux", target_os = "macos"))]
-fn address_space() -> Option<u64> {
+pub(crate) fn address_space() -> Option<u64> {
     let limit = rustix::process::getrlimit(rustix::process::Resource::As).current?;
     Some(limit.saturating_sub(status("VmSize:").unwrap_or(0)))
 }
 
 #[cfg(not(any(target_os = "linux", target_os = "macos")))]
-fn address_space() -> Option<u64> {
+pub(crate) fn address_space() -> Option<u64> {
     None
 }
 

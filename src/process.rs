@@ -1,6 +1,67 @@
-//! Processes and machines as reported by Linux, to find out who made a file and whether that process is still running.
+//! This process: what it needs to start, and how it meets the limits of the system. Other processes and machines as
+//! reported by Linux, to find out who made a file and whether that process is still running.
 
+use crate::memory::{Bytes, address_space};
 use std::fs;
+
+/// Address space that the program needs to start, besides its own code, and for each thread (a stack of 2 MiB, and the
+/// allocator's first pages), in bytes: with less, it would be aborted without a message that says why.
+const NEEDED: u64 = 64 << 20;
+const NEEDED_PER_THREAD: u64 = 8 << 20;
+
+/// Why the program cannot start.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// The system gives no threads.
+    #[error(
+        "cannot start {threads} threads: {problem}; raise the limit of processes (ulimit -u, or pids.max of the \
+         container) or of memory (ulimit -v), or set RAYON_NUM_THREADS to a smaller number"
+    )]
+    Threads {
+        /// Number of threads.
+        threads: usize,
+        /// What the system reports.
+        problem: String,
+    },
+    /// The address space is too small.
+    #[error(
+        "the limit of the address space (ulimit -v) leaves {}, but the program needs {} to start; raise it",
+        Bytes(*left),
+        Bytes(*needed)
+    )]
+    Memory {
+        /// Bytes.
+        left: u64,
+        /// Bytes.
+        needed: u64,
+    },
+}
+
+/// Starts the threads that compute. Called once, before any other code uses them, which could only panic if there were
+/// none.
+///
+/// # Errors
+/// [`StartError`].
+pub fn start_threads() -> Result<(), StartError> {
+    let chosen = std::env::var("RAYON_NUM_THREADS").ok().and_then(|n| n.parse().ok()).filter(|n| *n > 0);
+    let threads = chosen.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    let needed = NEEDED.saturating_add(NEEDED_PER_THREAD.saturating_mul(threads as u64));
+    if let Some(left) = address_space().filter(|left| *left < needed) {
+        return Err(StartError::Memory { left, needed });
+    }
+    let built = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+    built.map_err(|e| StartError::Threads { threads, problem: e.to_string() })
+}
+
+/// Lets writing beyond the limit of file sizes (`ulimit -f`) fail like writing to a full disk, so that it is reported and
+/// cleaned up; by default, the system ends the process at once.
+pub fn report_file_limits() {
+    // SAFETY: the call changes what the system does on one signal, and runs before there are other threads.
+    #[cfg(unix)]
+    unsafe {
+        libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
+    }
+}
 
 /// Name of this machine; `None` if the system does not report it.
 #[must_use]

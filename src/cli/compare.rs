@@ -2,7 +2,7 @@
 
 use super::{CliError, print_json};
 use crate::compare::runs::from_folders;
-use crate::compare::write::{FOLDER, write_report};
+use crate::compare::write::{WriteError, replace_report};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -34,11 +34,10 @@ impl CompareArgs {
             errln!("note: {note}");
         }
         let text = match &self.out {
-            Some(out) => {
-                // files of other origin are not overwritten
-                FOLDER.check(out, &[])?;
-                write_report(out, &set).map_err(CliError::failure)?
-            }
+            Some(out) => replace_report(out, &set).map_err(|e| match e {
+                WriteError::Replace(e) => e.into(),
+                other @ WriteError::File { .. } => CliError::failure(other),
+            })?,
             None => crate::compare::write::table_text(&set),
         };
         if self.json {

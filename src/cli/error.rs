@@ -68,7 +68,7 @@ impl From<DataError> for CliError {
 impl From<LockError> for CliError {
     fn from(error: LockError) -> Self {
         match error {
-            LockError::Held { .. } => Self::input(error),
+            LockError::Held { .. } | LockError::ReadOnly { .. } => Self::input(error),
             LockError::Io { .. } => Self::failure(error),
         }
     }

@@ -12,7 +12,7 @@ use crate::memory::MIB;
 use crate::model::scene_file::{read_tensors, refuse_not_finite};
 use crate::run::contents::{Contents, Item};
 use crate::train::checkpoint;
-use crate::volume::formats::READ;
+use crate::volume::formats::{READ, not_read};
 use clap::Args;
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -30,6 +30,9 @@ pub struct InspectArgs {
     /// preset.
     #[arg(long, value_name = "TF")]
     transfer_function: Option<String>,
+    /// The array to read from .vti volumes; if not given, the one that the first file marks as active, or its first.
+    #[arg(long, value_name = "NAME")]
+    variable: Option<String>,
     /// Draw the camera layout of a dataset, or the histogram of a volume, into this PNG file.
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
@@ -53,6 +56,7 @@ impl InspectArgs {
         let is_dataset = SplitName::ALL.iter().any(|s| s.json_path(&self.path).is_file());
         if is_dataset {
             self.refuse("--transfer-function", self.transfer_function.is_some())?;
+            self.refuse("--variable", self.variable.is_some())?;
             self.dataset()
         } else if RunPaths(&self.path).record().is_file() || !checkpoint::list(&self.path).is_empty() {
             // a run that was stopped at step 0 has a record, and no checkpoint yet
@@ -75,9 +79,12 @@ impl InspectArgs {
             self.refuse_volume_options()?;
             if TruthVolume::is_one(&self.path) { self.truth_volume() } else { self.tensors(&self.path) }
         } else if is_volume(&self.path) {
-            inspect_volume(&self.path, self.transfer_function.as_deref(), self.picture.as_deref(), self.json)
+            let (transfer, picture) = (self.transfer_function.as_deref(), self.picture.as_deref());
+            inspect_volume(&self.path, transfer, self.variable.clone(), picture, self.json)
         } else if !self.path.exists() {
             Err(CliError::input(format!("{}: not found; give a volume, a dataset or a run", self.path.display())))
+        } else if let Some(what) = not_read(&self.path) {
+            Err(CliError::input(format!("{}: not a supported volume format: {what}", self.path.display())))
         } else {
             Err(CliError::input(format!(
                 "{}: not a volume ({READ}), a dataset (transforms_*.json), a run (checkpoints/), a .ply or a .safetensors file",
@@ -88,6 +95,7 @@ impl InspectArgs {
 
     fn refuse_volume_options(&self) -> Result<(), CliError> {
         self.refuse("--transfer-function", self.transfer_function.is_some())?;
+        self.refuse("--variable", self.variable.is_some())?;
         self.refuse("--picture", self.picture.is_some())
     }
 

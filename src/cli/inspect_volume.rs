@@ -6,6 +6,7 @@ use crate::files::write_named;
 use crate::volume::formats::format_of;
 use crate::volume::picture::{Bins, transfer_picture};
 use crate::volume::series::{Scan, Series, SeriesOptions};
+use crate::volume::source::Variable;
 use crate::volume::transfer::TransferFunction;
 use serde_json::json;
 use std::path::Path;
@@ -26,13 +27,14 @@ pub(super) fn is_volume(path: &Path) -> bool {
 pub(super) fn inspect_volume(
     path: &Path,
     transfer: Option<&str>,
+    variable: Option<String>,
     picture: Option<&Path>,
     as_json: bool,
 ) -> Result<(), CliError> {
     let inputs = [path.to_string_lossy().into_owned()];
     // gaps and voxels that are not finite are reported, not rejected, so that this command can be used to find them;
     // what replaces the voxels counts neither in the range nor in the histogram, and 0 is a whole number like any other
-    let options = SeriesOptions { nan_as: Some(0.0), ..SeriesOptions::default() };
+    let options = SeriesOptions { nan_as: Some(0.0), variable, ..SeriesOptions::default() };
     let (series, gap) = match Series::open(&inputs, &options) {
         Ok(series) => (series, None),
         Err(e) => {
@@ -48,7 +50,9 @@ pub(super) fn inspect_volume(
              and prepare needs --nan VALUE"
         )
     });
-    let notes: Vec<String> = series.notes().iter().cloned().chain(gap).chain(skipped).collect();
+    let notes: Vec<String> =
+        series.notes().iter().cloned().chain(gap).chain(skipped).chain(series.rounding()).collect();
+    let variables = series.variables()?;
     // before anything is printed, as either can fail
     let function = match transfer.or(picture.map(|_| "ramp")) {
         Some(spec) => {
@@ -66,7 +70,7 @@ pub(super) fn inspect_volume(
             "origin": grid.origin, "directions": grid.directions, "orientation": orientation, "axes": physical.axes,
             "length_unit": physical.length_unit, "time_values": series.time_values(), "time_unit": series.time_unit(),
             "type": series.scalar().name(), "range": range,
-            "not_finite": not_finite, "notes": notes,
+            "not_finite": not_finite, "variable": series.variable(), "variables": variables, "notes": notes,
             "transfer_function": function.as_ref().filter(|_| transfer.is_some()).map(|(tf, span)| json!({ "name": tf.name, "span": span })),
         }))?;
     } else {
@@ -81,6 +85,14 @@ pub(super) fn inspect_volume(
             outln!("times    {first} .. {last} {}", series.time_unit().unwrap_or("(no unit)"));
         }
         outln!("type     {}", series.scalar().name());
+        if let Some(read) = series.variable() {
+            let array = |v: &Variable| match (v.name == read, v.components) {
+                (true, _) => format!("{} (read)", v.name),
+                (false, 1) => v.name.clone(),
+                (false, n) => format!("{} ({n} components)", v.name),
+            };
+            outln!("arrays   {}", variables.iter().map(array).collect::<Vec<_>>().join(", "));
+        }
         match range {
             Some([low, high]) => outln!("range    {low} .. {high}"),
             None => outln!("range    none: no voxel is finite"),

@@ -29,6 +29,9 @@ pub struct PrepareArgs {
     /// Volume files in order of time, a folder, a glob in quotes, or one 4D file.
     #[arg(long, value_name = "PATH", num_args = 1.., required_unless_present = "synthetic", conflicts_with = "synthetic")]
     volume: Vec<String>,
+    /// The array to read from .vti files; if not given, the one that the first file marks as active, or its first.
+    #[arg(long, value_name = "NAME", conflicts_with = "synthetic")]
+    variable: Option<String>,
     /// A synthetic scene with known segments: jets, vortices, shells, layers, beads or filaments.
     #[arg(long, value_name = "NAME")]
     synthetic: Option<Synthetic>,
@@ -40,6 +43,9 @@ pub struct PrepareArgs {
     /// Label volumes (whole numbers, 0 is unlabelled), one per volume.
     #[arg(long, value_name = "PATH", num_args = 1.., conflicts_with = "synthetic")]
     labels: Vec<String>,
+    /// The array to read from .vti files of labels, see --variable.
+    #[arg(long, value_name = "NAME", requires = "labels")]
+    label_variable: Option<String>,
     /// Names of labels, such as 1=core,2=shell.
     #[arg(long, value_name = "ID=NAME", value_delimiter = ',', value_parser = label_name, conflicts_with = "synthetic")]
     label_names: Vec<(u16, Name)>,
@@ -87,7 +93,8 @@ pub struct PrepareArgs {
     /// Distance between samples along a ray, in voxels; from 1/64 to 16.
     #[arg(long, default_value_t = DEFAULT_STEP, value_name = "VOXELS", value_parser = sample_step)]
     sample_step: f64,
-    /// Time of each step, in any unit, ascending; evenly spaced if not given.
+    /// Time of each step, in any unit, ascending; if not given, the dates in the names of the files, or else evenly
+    /// spaced.
     #[arg(long, value_name = "T,...", value_delimiter = ',', value_parser = finite, allow_hyphen_values = true, conflicts_with = "synthetic")]
     time_values: Vec<f64>,
     /// Unit of --time-values, or instead of the one that a 4D file names, such as s.
@@ -167,6 +174,11 @@ impl PrepareArgs {
             PrepareError::Options(_) | PrepareError::Memory(_) | PrepareError::Empty { .. } => CliError::input(e),
         })?;
         bar.finish_and_clear();
+        if let Source::Files { series, .. } = &source
+            && let Some(note) = series.rounding()
+        {
+            errln!("note: {note}");
+        }
         errln!(
             "{}: {} training and {} test views in {:.1} s, peak memory {:.2} GB{}; look at {}; next: volseggs train --data {} --config quick --out RUN",
             self.out.display(),
@@ -205,6 +217,7 @@ impl PrepareArgs {
             length_unit: self.length_unit.clone(),
             time_unit: self.time_unit.clone(),
             ignore_origin: self.ignore_origin,
+            variable: self.variable.clone(),
         };
         let series = Series::open(&self.volume, &options)?;
         let labels = if let Some(parts) = self.components.labels(&series)? {
@@ -217,7 +230,9 @@ impl PrepareArgs {
             }
             FileLabels::None
         } else {
-            let labels = Series::open(&self.labels, &SeriesOptions { length_unit: None, time_unit: None, ..options })?;
+            let variable = self.label_variable.clone();
+            let options = SeriesOptions { length_unit: None, time_unit: None, variable, ..options };
+            let labels = Series::open(&self.labels, &options)?;
             if labels.len() != series.len() || labels.grid().dims != series.grid().dims {
                 return Err(CliError::input(format!(
                     "--labels: {} steps of {:?} voxels, but the volumes have {} of {:?}; give labels of the same shape",

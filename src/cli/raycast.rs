@@ -26,6 +26,9 @@ pub struct RaycastArgs {
     /// The volumes that its dataset was made from: files in order of time, a folder, a glob in quotes, or one 4D file.
     #[arg(long, value_name = "PATH", num_args = 1.., required = true)]
     volume: Vec<String>,
+    /// The array that was read from .vti files, see `volseggs prepare`.
+    #[arg(long, value_name = "NAME")]
+    variable: Option<String>,
     /// Dataset folder, if it has moved since training.
     #[arg(long, value_name = "DATASET")]
     data: Option<PathBuf>,
@@ -60,6 +63,7 @@ impl RaycastArgs {
             nan_as: self.nan,
             allow_gaps: self.allow_gaps,
             ignore_origin: true,
+            variable: self.variable.clone(),
             ..SeriesOptions::default()
         };
         let (prepared, series) = (Prepared::open(&data)?, Series::open(&self.volume, &options)?);

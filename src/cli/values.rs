@@ -79,9 +79,9 @@ pub(super) fn pixels(text: &str) -> Result<u32, String> {
     found.ok_or_else(|| format!("expected a number of pixels from 1 to {SIDE}"))
 }
 
-/// Parses a point in space: three finite numbers separated by commas.
+/// Parses a point in space: three numbers separated by commas, each below 1e15.
 pub(super) fn point(text: &str) -> Result<DVec3, String> {
-    let wanted = "three finite numbers separated by commas, such as 3,-2,1.5";
+    let wanted = "three finite numbers below 1e15, separated by commas, such as 3,-2,1.5";
     let numbers = text.split(',').map(|v| number(v, |v| v.abs() < 1e15, wanted)).collect::<Result<Vec<_>, _>>()?;
     <[f64; 3]>::try_from(numbers).map(DVec3::from_array).map_err(|_| format!("expected {wanted}"))
 }

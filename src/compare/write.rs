@@ -5,23 +5,32 @@ use super::results::{Outcome, OutcomeState, ResultSet};
 use super::table::{Ordering, Table, orderings};
 use super::text;
 use super::{curves, metric::Column};
-use crate::files::{AtomicDir, FolderKind, write_atomic};
+use crate::files::{AtomicDir, FolderKind, ReplaceError, write_atomic};
 use crate::log::tensorboard::{EventWriter, HyperParameter, SessionEnd};
+use crate::report::ReportError;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// A file that could not be written.
+/// Why a report was not written.
 #[derive(Debug, Error)]
-#[error("{}: {reason}", path.display())]
-pub struct WriteError {
-    path: PathBuf,
-    reason: String,
+pub enum WriteError {
+    /// A file could not be written.
+    #[error("{}: {reason}", path.display())]
+    File {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// Something else is at the path.
+    #[error(transparent)]
+    Replace(#[from] ReplaceError),
 }
 
 fn at<E: std::fmt::Display>(path: &Path) -> impl FnOnce(E) -> WriteError {
     let path = path.to_owned();
-    move |e| WriteError { path, reason: e.to_string() }
+    move |e| WriteError::File { path, reason: e.to_string() }
 }
 
 /// Returns the table of `set` as Markdown, with differences, orderings and failures.
@@ -32,13 +41,34 @@ pub fn table_text(set: &ResultSet) -> String {
 }
 
 /// The folder of a comparison.
-pub const FOLDER: FolderKind = FolderKind {
+const FOLDER: FolderKind = FolderKind {
     what: "a comparison",
     markers: &["results.json"],
     entries: &["report.md", "report.html", "table.tex", "results.csv", "tensorboard/**"],
 };
 
-/// Writes all files of a report into `folder`, which is created if missing, and returns the Markdown.
+/// Writes a report to `folder`, which appears as a whole once it is complete and replaces an older comparison there,
+/// unless that contains one of the runs. Returns the Markdown.
+///
+/// # Errors
+/// If something else is there, or a file cannot be written; an older comparison is then unchanged.
+pub fn replace_report(folder: &Path, set: &ResultSet) -> Result<String, WriteError> {
+    let needed: Vec<&Path> = set.outcomes.iter().map(|outcome| outcome.run.as_path()).collect();
+    let building = AtomicDir::create_replacing(folder, &FOLDER, &needed)?;
+    let markdown = write_report(building.dir(), set).map_err(|e| match e {
+        // not under the name that it has while it is built
+        WriteError::File { path, reason } => {
+            let inner = path.strip_prefix(building.dir()).unwrap_or(&path);
+            WriteError::File { path: folder.join(inner), reason }
+        }
+        other => other,
+    })?;
+    building.commit_replacing(&FOLDER, &needed)?;
+    Ok(markdown)
+}
+
+/// Writes all files of a report into `folder`, which is created if missing and may hold other files, one by one, and
+/// returns the Markdown.
 ///
 /// # Errors
 /// The first file that cannot be written.
@@ -58,7 +88,7 @@ pub fn write_report(folder: &Path, set: &ResultSet) -> Result<String, WriteError
     put("results.json", &json)?;
     tensorboard(folder, set)?;
     let page = folder.join("report.html");
-    page_of(set, &table, &orderings).write(&page).map_err(at(&page))?;
+    page_of(set, &table, &orderings).write(&page).map_err(|ReportError::Write { source, .. }| at(&page)(source))?;
     Ok(markdown)
 }
 

@@ -271,10 +271,10 @@ pub(crate) fn read_text(path: &Path) -> Result<String, DataError> {
         source,
         hint: "a dataset folder holds transforms_train.json and transforms_test.json; check the path".to_owned(),
     })?;
-    String::from_utf8(bytes).map_err(|error| DataError::Syntax {
+    crate::files::decode_text(bytes).map_err(|error| DataError::Syntax {
         path: path.to_owned(),
         frame: None,
-        line: 1 + error.as_bytes()[..error.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count(),
+        line: error.line,
         column: 1,
         problem: "the text is not UTF-8".to_owned(),
         hint: "save the file as UTF-8; it may be binary or damaged".to_owned(),

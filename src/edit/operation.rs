@@ -4,6 +4,13 @@ use super::error::EditError;
 use crate::data::Calibration;
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use std::ops::RangeInclusive;
+
+/// Coordinates of points and movements are below this, scene units: their squares are finite in single precision, in
+/// which files and the drawing keep them.
+pub const MAX_LENGTH: f32 = 1e15;
+/// Factors by which segments may be scaled: positions stay finite and sizes above 0 after several of them.
+pub const SCALES: RangeInclusive<f32> = 1e-6..=1e6;
 
 /// What is done to the named segments.
 ///
@@ -53,7 +60,7 @@ pub enum Operation {
     },
     /// Scales the segments, including their Gaussians.
     Scale {
-        /// More than 0.
+        /// One of [`SCALES`].
         factor: f32,
         /// As in `Rotate`.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -113,7 +120,12 @@ impl Operation {
             if fine { Ok(()) } else { Err(EditError::Value { field: field(), problem }) }
         };
         let point = |field: &str, p: &[f32; 3]| {
-            check(field, p.iter().all(|c| c.is_finite()), format!("{p:?} is not finite; give three finite numbers"))
+            let fine = p.iter().all(|c| c.abs() < MAX_LENGTH);
+            check(
+                field,
+                fine,
+                format!("{p:?} is too far; give three numbers between -{MAX_LENGTH:e} and {MAX_LENGTH:e}"),
+            )
         };
         match self {
             Self::Recolour { rgb, .. } => check(
@@ -141,8 +153,8 @@ impl Operation {
             Self::Scale { factor, about } => {
                 check(
                     "factor",
-                    factor.is_finite() && *factor > 0.0,
-                    format!("{factor} is not a scale; give a finite number above 0"),
+                    SCALES.contains(factor),
+                    format!("{factor} is not a scale; give a number from {:e} to {:e}", SCALES.start(), SCALES.end()),
                 )?;
                 about.as_ref().map_or(Ok(()), |p| point("about", p))
             }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use png::ColorType;
 
 use super::images::encoder;
-use crate::files::AtomicFile;
+use crate::files::{AtomicFile, ReplaceError};
 
 /// Why an animation cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -47,6 +47,9 @@ pub enum AnimationError {
         /// Bytes of a frame of this size.
         expected: u64,
     },
+    /// Something else is at the path.
+    #[error(transparent)]
+    Replace(#[from] ReplaceError),
     /// A frame could not be produced.
     #[error("frame {index}: {source}")]
     Frame {
@@ -97,7 +100,7 @@ where
             return Err(AnimationError::Timing { frames: frames.len(), fps });
         }
     };
-    let mut file = AtomicFile::create(path).map_err(io_error)?;
+    let mut file = AtomicFile::create_named(path)?;
     let mut encoder = encoder(&mut file, width, height, color).map_err(encode_error)?;
     encoder.set_animated(count, 0).map_err(encode_error)?;
     encoder.set_frame_delay(1, fps).map_err(encode_error)?;

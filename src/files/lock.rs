@@ -7,7 +7,7 @@ use super::atomic::clean_stale;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -64,6 +64,18 @@ pub enum LockError {
         /// Who holds the lock.
         holder: Box<Holder>,
     },
+    /// The run is somebody else's, or on a medium that cannot be written to.
+    #[error(
+        "{}: this folder cannot be written to ({source}), which this command needs; work on a copy of it, or ask its \
+         owner",
+        run.display()
+    )]
+    ReadOnly {
+        /// The run folder.
+        run: PathBuf,
+        /// The system's error.
+        source: io::Error,
+    },
     /// The lock file cannot be created or locked.
     #[error("{}: {source}", path.display())]
     Io {
@@ -96,12 +108,19 @@ impl RunLock {
     /// removed.
     ///
     /// # Errors
-    /// [`LockError::Held`] if another process has it, [`LockError::Io`] if the lock file cannot be used.
+    /// [`LockError::Held`] if another process has it, [`LockError::ReadOnly`] in a folder of somebody else,
+    /// [`LockError::Io`] if the lock file cannot be used.
     pub fn acquire_within(patience: Duration, run: &Path, command: &str, work: Work) -> Result<Self, LockError> {
         let path = run.join(FILE);
         let io = |source| LockError::Io { path: path.clone(), source };
+        let opening = |source: io::Error| match source.kind() {
+            ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => {
+                LockError::ReadOnly { run: run.into(), source }
+            }
+            _ => io(source),
+        };
         let mut file =
-            OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(io)?;
+            OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path).map_err(opening)?;
         let started = Instant::now();
         // since when the file has not said who holds the lock
         let mut unsigned: Option<Instant> = None;

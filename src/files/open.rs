@@ -8,6 +8,10 @@ use std::path::{Component, Path};
 /// Size in bytes up to which files are read without checking that they fit into memory.
 const MAX_UNCHECKED: u64 = 1 << 26;
 
+/// Maximum size in bytes of a file of settings, such as a configuration, a sweep or a sidecar; the longest here has 20
+/// kilobytes.
+pub const MAX_SETTINGS: u64 = 1_000_000;
+
 /// Opens a regular file (or a link to one) for reading. The errors do not name the path.
 ///
 /// # Errors
@@ -69,13 +73,59 @@ pub fn read_regular(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Reads the text of a regular file.
+/// Reads the text of a regular file, see [`decode_text`].
 ///
 /// # Errors
-/// As [`read_regular`]; `InvalidData` if it is not UTF-8.
+/// As [`read_regular`]; `InvalidData` if it is no text.
 pub fn read_text(path: &Path) -> io::Result<String> {
-    String::from_utf8(read_regular(path)?)
-        .map_err(|_| io::Error::new(ErrorKind::InvalidData, "the file is not UTF-8 text"))
+    decode_text(read_regular(path)?).map_err(|e| io::Error::new(ErrorKind::InvalidData, e))
+}
+
+/// Reads the text of a file that people write by hand, of at most [`MAX_SETTINGS`] bytes: parsers take seconds for what
+/// is longer, and it is something else.
+///
+/// # Errors
+/// As [`read_text`]; `InvalidInput` if it is longer.
+pub fn read_settings(path: &Path) -> io::Result<String> {
+    let file = open_regular(path)?;
+    let mut bytes = Vec::new();
+    file.take(MAX_SETTINGS + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MAX_SETTINGS {
+        let problem = format!("the file is longer than {MAX_SETTINGS} bytes, so it is no file of settings");
+        return Err(io::Error::new(ErrorKind::InvalidInput, problem));
+    }
+    decode_text(bytes).map_err(|e| io::Error::new(ErrorKind::InvalidData, e))
+}
+
+/// Bytes that are no text.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the file is not UTF-8 text")]
+pub struct NotText {
+    /// The first line, from 1, that cannot be read.
+    pub line: usize,
+}
+
+/// Decodes UTF-8, or UTF-16 that begins with its byte order mark, as editors and shells on Windows write. The result
+/// has no mark, which parsers would refuse.
+///
+/// # Errors
+/// Anything else.
+pub fn decode_text(mut bytes: Vec<u8>) -> Result<String, NotText> {
+    let wide = |unit: fn([u8; 2]) -> u16| {
+        let (units, rest) = bytes[2..].as_chunks::<2>();
+        let text = char::decode_utf16(units.iter().map(|u| unit(*u))).collect::<Result<String, _>>();
+        text.ok().filter(|_| rest.is_empty()).ok_or(NotText { line: 1 })
+    };
+    match bytes.as_slice() {
+        [0xff, 0xfe, ..] => return wide(u16::from_le_bytes),
+        [0xfe, 0xff, ..] => return wide(u16::from_be_bytes),
+        [0xef, 0xbb, 0xbf, ..] => drop(bytes.drain(..3)),
+        _ => {}
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let before = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        NotText { line: 1 + before.iter().filter(|b| **b == b'\n').count() }
+    })
 }
 
 /// Whether the user can fix the error by giving another path or file; otherwise the system failed or refused.
@@ -126,7 +176,8 @@ mod tests {
             std::os::unix::fs::symlink(&path, &link).unwrap();
             assert_eq!(read_regular(&link).unwrap(), b"text");
         }
-        std::fs::write(&path, [0xff, 0xfe]).unwrap();
+        std::fs::write(&path, [b'\n', 0xff]).unwrap();
+        assert_eq!(decode_text(vec![b'\n', 0xff]), Err(NotText { line: 2 }));
         assert!(read_text(&path).unwrap_err().to_string().contains("not UTF-8 text"));
         assert!(is_user_error(&read_text(Path::new("not/there")).unwrap_err()));
     }
@@ -139,6 +190,30 @@ mod tests {
         for within in ["", "a", "./a/b", "a/../b", "..a", "a/b/../../c"] {
             assert!(!leads_out(Path::new(within)), "{within}");
         }
+    }
+
+    #[test]
+    fn byte_order_marks_are_removed() {
+        let text = "{\"a\": \"\u{e9}\u{1f600}\"}\r\n";
+        let marked = format!("\u{feff}{text}");
+        let wide = |bytes: fn(u16) -> [u8; 2]| marked.encode_utf16().flat_map(bytes).collect::<Vec<u8>>();
+        for bytes in [text.into(), marked.clone().into_bytes(), wide(u16::to_le_bytes), wide(u16::to_be_bytes)] {
+            assert_eq!(decode_text(bytes).as_deref(), Ok(text));
+        }
+        // half a character, and half a pair
+        assert!(decode_text(vec![0xff, 0xfe, 0x41]).is_err() && decode_text(vec![0xff, 0xfe, 0x00, 0xd8]).is_err());
+        assert_eq!(decode_text(vec![0xef, 0xbb, 0xbf]).as_deref(), Ok(""));
+    }
+
+    #[test]
+    fn settings_are_short() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.toml");
+        std::fs::write(&path, vec![b' '; MAX_SETTINGS as usize]).unwrap();
+        assert_eq!(read_settings(&path).unwrap().len() as u64, MAX_SETTINGS);
+        std::fs::write(&path, vec![b' '; MAX_SETTINGS as usize + 1]).unwrap();
+        let error = read_settings(&path).unwrap_err();
+        assert!(error.to_string().contains("longer than 1000000 bytes") && is_user_error(&error), "{error}");
     }
 
     #[test]

@@ -230,10 +230,14 @@ impl Source {
     #[must_use]
     pub fn describe(&self) -> String {
         let [x, y, z] = self.grid().dims;
+        let of = |series: &Series| series.variable().map_or_else(String::new, |name| format!("{name}, "));
         match self {
-            Self::Files { series, .. } if series.len() == 1 => format!("{} ({x}x{y}x{z})", series.name(0)),
+            Self::Files { series, .. } if series.len() == 1 => {
+                format!("{} ({}{x}x{y}x{z})", series.name(0), of(series))
+            }
             Self::Files { series, .. } => {
-                format!("{} .. {} ({x}x{y}x{z}, {} steps)", series.name(0), series.name(series.len() - 1), series.len())
+                let (first, last) = (series.name(0), series.name(series.len() - 1));
+                format!("{first} .. {last} ({}{x}x{y}x{z}, {} steps)", of(series), series.len())
             }
             Self::Synthetic { scene, steps, .. } => format!("synthetic {scene} ({x}x{y}x{z}, {steps} steps)"),
         }

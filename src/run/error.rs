@@ -39,7 +39,7 @@ impl RunError {
     #[must_use]
     pub fn is_input(&self) -> bool {
         match self {
-            Self::Input(_) | Self::Lock(LockError::Held { .. }) => true,
+            Self::Input(_) | Self::Lock(LockError::Held { .. } | LockError::ReadOnly { .. }) => true,
             Self::Failure(_) | Self::Lock(LockError::Io { .. }) => false,
             Self::Data(error) => error.is_input(),
             Self::Replace(error) => error.is_input(),

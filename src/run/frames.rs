@@ -6,7 +6,7 @@ use crate::data::{Calibration, Camera};
 use crate::export::animation::{AnimationError, try_write_apng};
 use crate::export::images::{encode_samples, to_rgb8, to_rgba8};
 use crate::export::video::{Mp4, VideoError};
-use crate::files::{AtomicDir, FolderKind, check_file};
+use crate::files::{AtomicDir, FolderKind};
 use png::ColorType;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -104,6 +104,7 @@ fn of_animation(error: AnimationError) -> RunError {
             Ok(error) => *error,
             Err(other) => RunError::failure(other),
         },
+        AnimationError::Replace(e) => e.into(),
         e => RunError::failure(e),
     }
 }
@@ -167,7 +168,6 @@ pub fn film(
         frames.try_for_each(|frame| film.add(&frame?).map_err(of_video))?;
         film.finish().map_err(of_video)?;
     } else {
-        check_file(out)?;
         try_write_apng(out, frames, (width, height), background.color(), fps).map_err(of_animation)?;
     }
     Ok(seconds)

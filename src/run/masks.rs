@@ -16,6 +16,7 @@ use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
 use crate::segment::masks::origin::{MaskKind, MaskOrigin};
 use crate::segment::masks::sheet::overlay;
 use crate::segment::masks::source::{Found, Group};
+use crate::segment::masks::store::MAX_VIEWS;
 use crate::segment::pictures::Picture;
 use crate::segment::segmentation::members_key;
 use crate::shell;
@@ -111,6 +112,9 @@ impl MaskPlan {
         }
         let around = |origin| {
             let views = request.views.unwrap_or(VIEWS);
+            if views > MAX_VIEWS {
+                return Err(RunError::input(format!("--views {views}: a mask file holds at most {MAX_VIEWS} views")));
+            }
             Budget::now().check(format!("--views {views}"), product(&[views, VIEW_BYTES])).map_err(RunError::input)?;
             Ok::<_, RunError>((origin, Shot::numbered(training_cameras(views, around.sphere, around.lens))))
         };

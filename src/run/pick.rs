@@ -44,6 +44,14 @@ pub enum ClickError {
         /// The time.
         time: f64,
     },
+    /// There are fewer levels.
+    #[error("level {level}: there are {count} levels at this click")]
+    Level {
+        /// The level that was requested, from 1.
+        level: usize,
+        /// Number of levels.
+        count: usize,
+    },
     /// There is no affinity field.
     #[error(
         "the run has no affinity field; run `volseggs segment masks`, if it has no masks yet, and `volseggs segment fine`"
@@ -226,10 +234,14 @@ impl Clicking {
         }
         let pick = |of: &Candidates<'_>| pick(of, hit.gaussian, options);
         let picked = self.with_candidates(field, hit.within.as_ref(), &candidates, pick);
-        Ok(picked.map_err(|e| match e {
-            PickError::NoLevel { .. } => RunError::input(e),
+        let picked = picked.map_err(|e| match e {
+            PickError::NoLevel { .. } | PickError::Number { .. } => RunError::input(e),
             other => RunError::failure(other),
-        })?)
+        })?;
+        match (options.meaning, picked.levels.len()) {
+            (Meaning::Level(n), count) if n >= count => Err(ClickError::Level { level: n.saturating_add(1), count }),
+            _ => Ok(picked),
+        }
     }
 }
 

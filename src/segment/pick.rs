@@ -11,6 +11,7 @@ use super::pieces::without_strays;
 use super::place::PlaceError;
 use crate::points::PointsError;
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 
 /// How much of the surroundings of a click is meant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -34,6 +35,17 @@ pub enum Meaning {
 impl Meaning {
     /// Scale and cosine where the user gives only one of them, and for SAGA: the middle of the scales, and 0.8.
     pub const BY_HAND: (f32, f32) = (0.5, 0.8);
+
+    /// Refuses numbers that mean nothing.
+    fn check(self) -> Result<(), PickError> {
+        let Self::By { scale, threshold } = self else { return Ok(()) };
+        let outside = |what, value, range: RangeInclusive<f32>| {
+            let (from, to) = (*range.start(), *range.end());
+            if range.contains(&value) { Ok(()) } else { Err(PickError::Number { what, value, from, to }) }
+        };
+        outside("scale", scale, 0.0..=1.0)?;
+        outside("threshold", threshold, -1.0..=1.0)
+    }
 }
 
 /// Options of [`pick`].
@@ -83,6 +95,18 @@ pub enum PickError {
         /// Number of candidates.
         count: usize,
     },
+    /// A number is out of range.
+    #[error("{what}: {value} is not between {from} and {to}")]
+    Number {
+        /// Which number.
+        what: &'static str,
+        /// The number.
+        value: f32,
+        /// The smallest that is allowed.
+        from: f32,
+        /// The largest.
+        to: f32,
+    },
     /// There is no level of a kind.
     #[error("there is no {} at this click, only {}", .kind.name(), words(.has))]
     NoLevel {
@@ -128,11 +152,12 @@ pub fn meant(under: &[(u32, f32)], segment: impl Fn(u32) -> Option<u32>) -> Opti
 /// Selects the candidates that a click on the Gaussian `clicked` means.
 ///
 /// # Errors
-/// If it is not among them, there is no level of the requested kind, or the arrays of the Gaussians disagree.
+/// If it is not among them, a number is out of range, there is no level of the requested kind, or the arrays of the Gaussians disagree.
 ///
 /// # Panics
 /// If an index of a candidate is not below N.
 pub fn pick(of: &Candidates<'_>, clicked: u32, options: &PickOptions) -> Result<Picked, PickError> {
+    options.meaning.check()?;
     let position = of.position(clicked)?;
     let by_hand = |(scale, threshold): (f32, f32)| {
         let like = of.alike(position, scale, threshold);

@@ -208,7 +208,7 @@ impl SweepFile {
     /// If it cannot be read, is not TOML, or has an unknown key or a value of the wrong type.
     pub fn read(path: &Path) -> Result<Self, SweepError> {
         let bad = |problem: String| SweepError::File { path: path.to_owned(), problem };
-        let text = crate::files::read_text(path).map_err(|e| match e.kind() {
+        let text = crate::files::read_settings(path).map_err(|e| match e.kind() {
             ErrorKind::NotFound => {
                 bad("not found; give a sweep file, such as configs/ablations/loss-small.toml".into())
             }

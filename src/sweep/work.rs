@@ -63,7 +63,7 @@ pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicB
     let lock = match RunLock::acquire(&folder, COMMAND, Work::Long) {
         Ok(lock) => lock,
         Err(LockError::Held { holder, .. }) => return Ok(Ended::Busy(holder.to_string())),
-        Err(LockError::Io { source, .. }) => return Err(source),
+        Err(LockError::Io { source, .. } | LockError::ReadOnly { source, .. }) => return Err(source),
     };
     let ended =
         match (Worker { plan, index, run: &plan.runs[index], folder: &folder, stop, lock: &lock }).go(stop_after) {

@@ -110,7 +110,7 @@ impl Guard {
 }
 
 /// The name or address of a `Host` header, without the port and the brackets of IPv6.
-fn name_of(host: &str) -> Option<&str> {
+pub(super) fn name_of(host: &str) -> Option<&str> {
     if let Some(rest) = host.strip_prefix('[') {
         let (address, port) = rest.split_once(']')?;
         return (port.is_empty() || port.strip_prefix(':').is_some_and(is_port)).then_some(address);

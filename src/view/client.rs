@@ -317,7 +317,7 @@ fn usable(space: &Workspace, view: &View) -> View {
 
 fn of(asked: Asked) -> Meaning {
     match asked {
-        Asked::Level(n) => Meaning::Level(n.saturating_sub(1)),
+        Asked::Level(n) => Meaning::Level(n.get() - 1),
         Asked::By { scale, threshold } => Meaning::By { scale, threshold },
     }
 }

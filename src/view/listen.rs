@@ -8,6 +8,10 @@ use super::others::Other;
 use super::render::Renderer;
 use super::server::{Shared, router};
 use super::workspace::Workspace;
+use axum::Router;
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -15,9 +19,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
+use tokio::sync::Semaphore;
 
 /// Maximum time for the last messages to windows when the viewer ends.
 const FAREWELL: Duration = Duration::from_secs(3);
+
+/// Maximum time in which a client must send the headers of a request; a browser sends them at once.
+const HEADERS: Duration = Duration::from_secs(10);
+
+/// Maximum number of connections at once: a browser opens up to six for a page, and there are up to eight windows.
+const MAX_CONNECTIONS: usize = 64;
 
 /// Where a viewer should be reachable.
 #[derive(Clone, Debug)]
@@ -91,13 +102,44 @@ impl Listener {
         Err(std::io::Error::new(std::io::ErrorKind::Unsupported, "socket files are supported on Unix only"))
     }
 
-    async fn serve(self, router: axum::Router) -> std::io::Result<()> {
+    /// Serves until it is dropped.
+    async fn serve(self, router: Router) {
         match self {
-            Self::Port(listener) => axum::serve(listener, router).await,
+            Self::Port(listener) => connections(listener, router).await,
             #[cfg(unix)]
-            Self::File(_file, listener) => axum::serve(listener, router).await,
+            Self::File(_file, listener) => connections(listener, router).await,
         }
     }
+}
+
+/// Serves clients as they come, for ever. At the limit, further ones wait in the system's queue until others end, which
+/// those that send nothing do after [`HEADERS`]. An open websocket no longer counts: their number has its own limit.
+async fn connections(mut listener: impl axum::serve::Listener, router: Router) {
+    let places = Arc::new(Semaphore::new(max_connections()));
+    while let Ok(place) = places.clone().acquire_owned().await {
+        let (stream, _) = listener.accept().await;
+        let mut server = http1::Builder::new();
+        server.timer(TokioTimer::new()).header_read_timeout(HEADERS);
+        let service = TowerToHyperService::new(router.clone());
+        let connection = server.serve_connection(TokioIo::new(stream), service).with_upgrades();
+        tokio::spawn(async move {
+            // a client that has left or is too slow; nobody else is affected
+            drop(connection.await);
+            drop(place);
+        });
+    }
+}
+
+/// Maximum number of connections: at most half of the files that the process may open, as its work needs some too.
+#[cfg(any(target_os = "linux", target_os = "macos"))]
+fn max_connections() -> usize {
+    let files = rustix::process::getrlimit(rustix::process::Resource::Nofile).current;
+    files.map_or(MAX_CONNECTIONS, |files| usize::try_from(files / 2).unwrap_or(usize::MAX).clamp(1, MAX_CONNECTIONS))
+}
+
+#[cfg(not(any(target_os = "linux", target_os = "macos")))]
+fn max_connections() -> usize {
+    MAX_CONNECTIONS
 }
 
 /// A viewer that listens; clients that connect wait until it serves.
@@ -156,7 +198,7 @@ impl Listening {
     /// cached, up to `cache` bytes for all together. `ready` is called first.
     ///
     /// # Errors
-    /// If the system gives no thread, or the connection breaks.
+    /// If the system gives no thread.
     pub fn serve(
         self,
         space: Workspace,
@@ -185,14 +227,14 @@ impl Listening {
                     tokio::time::sleep(Duration::from_millis(10)).await;
                 }
             };
-            let served = runtime.block_on(async {
+            runtime.block_on(async {
                 tokio::select! {
-                    served = listener.serve(router) => served,
-                    () = asked => Ok(()),
+                    () = listener.serve(router) => {}
+                    () = asked => {}
                 }
             });
             hub.stop();
-            served.map_err(ViewError::System)
+            Ok(())
         })
     }
 }

@@ -1,12 +1,13 @@
 //! The network: one page and a websocket, for admitted clients only.
 
-use super::auth::Guard;
+use super::auth::{Guard, name_of};
 use super::hub::{ClientId, Event, Hub, Outgoing};
 use super::page::{FILES, MODULES, PageFile};
 use super::protocol::{Answer, FrameInfo, LONGEST, Request};
 use crate::words::plain;
 use axum::Router;
 use axum::body::{Body, Bytes};
+use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Request as HttpRequest, State};
 use axum::http::header::{self, HeaderName};
@@ -15,7 +16,7 @@ use axum::middleware::{Next, from_fn_with_state};
 use axum::response::IntoResponse;
 use axum::routing::get;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 use tokio::task::spawn_blocking;
@@ -41,12 +42,22 @@ pub struct Shared {
     hub: Arc<Hub>,
     next: Arc<AtomicU64>,
     here: Arc<AtomicUsize>,
+    /// Whether the user has been told what a proxy in front of the viewer does wrong.
+    told: Arc<AtomicBool>,
 }
 
 impl Shared {
     /// Makes what connections share on a server with these rules, whose requests go to `hub`.
     pub fn new(guard: Guard, hub: Arc<Hub>) -> Self {
-        Self { guard: Arc::new(guard), hub, next: Arc::new(AtomicU64::new(1)), here: Arc::new(AtomicUsize::new(0)) }
+        let (next, here, told) = (Arc::new(AtomicU64::new(1)), Arc::default(), Arc::default());
+        Self { guard: Arc::new(guard), hub, next, here, told }
+    }
+
+    /// Prints why a page of the owner does not work, once: browsers try again and again.
+    fn tell(&self, why: &str) {
+        if !self.told.swap(true, Ordering::SeqCst) {
+            errln!("note: {why}");
+        }
     }
 
     /// Whether a window is open.
@@ -58,7 +69,7 @@ impl Shared {
 
 /// Returns the routes.
 pub fn router(shared: Shared) -> Router {
-    let mut router = Router::new().route("/ws", get(socket));
+    let mut router = Router::new().route("/ws", get(socket)).route("/host", get(host));
     for PageFile { path, kind, bytes } in FILES.into_iter().chain(MODULES) {
         let file = move || async move { ([(header::CONTENT_TYPE, kind)], bytes) };
         router = router.route(path, get(file));
@@ -76,7 +87,13 @@ async fn admit(State(shared): State<Shared>, request: HttpRequest, next: Next) -
     let (guard, headers) = (&shared.guard, request.headers());
     let token = request.uri().query().and_then(|q| q.strip_prefix("token="));
     let mut response = if !guard.allows_host(text(headers, &header::HOST)) {
-        (StatusCode::FORBIDDEN, "this host name is not allowed; see --allow-host").into_response()
+        let owner =
+            token.is_some_and(|token| guard.allows_token(token)) || guard.allows_cookie(text(headers, &header::COOKIE));
+        let why = not_allowed(text(headers, &header::HOST));
+        if owner {
+            shared.tell(&why);
+        }
+        (StatusCode::FORBIDDEN, why).into_response()
     } else if token.is_some_and(|token| guard.allows_token(token)) {
         // even if the client has the cookie: the secret must not stay in the address
         let cookie = guard.set_cookie();
@@ -88,6 +105,10 @@ async fn admit(State(shared): State<Shared>, request: HttpRequest, next: Next) -
     } else {
         (StatusCode::FORBIDDEN, "open the whole address that `volseggs view` printed, with its token").into_response()
     };
+    if response.status() == StatusCode::FORBIDDEN {
+        // who is not admitted takes no place for longer
+        response.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
+    }
     for (name, value) in [
         (header::CONTENT_SECURITY_POLICY, POLICY),
         (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
@@ -99,10 +120,57 @@ async fn admit(State(shared): State<Shared>, request: HttpRequest, next: Next) -
     response
 }
 
-async fn socket(State(shared): State<Shared>, headers: HeaderMap, upgrade: WebSocketUpgrade) -> Response<Body> {
-    if !shared.guard.allows_origin(text(&headers, &header::ORIGIN), text(&headers, &header::HOST)) {
+/// A name or address as a header gives it, for messages; whatever could be anything else is not repeated.
+fn shown(name: &str) -> Option<&str> {
+    let plain = |b: u8| b.is_ascii_alphanumeric() || b"-._:[]".contains(&b);
+    (!name.is_empty() && name.len() <= 255 && name.bytes().all(plain)).then_some(name)
+}
+
+/// What to do about a host name that is not allowed.
+fn not_allowed(host: Option<&str>) -> String {
+    let Some(host) = host.and_then(shown) else { return "this host name is not allowed; see --allow-host".to_owned() };
+    let name = name_of(host).unwrap_or(host);
+    format!("the name {name} is not allowed for this viewer; if it is yours, start the viewer with --allow-host {name}")
+}
+
+/// Why a proxy in front of the viewer keeps pages from connecting, if they come from `origin` but it says `host`.
+fn misnamed(origin: &str, host: &str) -> Option<String> {
+    let page = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://")).and_then(shown)?;
+    let (host, name) = (shown(host)?, name_of(page)?);
+    Some(format!(
+        "a page at {page} cannot connect: the proxy in front of the viewer calls it {host} (the header Host); let the \
+         proxy pass the name on (nginx: proxy_set_header Host $http_host;), and start the viewer with --allow-host {name}"
+    ))
+}
+
+/// The host name under which the request arrived: the page compares it with its own, as it is not told why a websocket
+/// was refused.
+async fn host(headers: HeaderMap) -> String {
+    text(&headers, &header::HOST).unwrap_or_default().to_owned()
+}
+
+async fn socket(
+    State(shared): State<Shared>,
+    headers: HeaderMap,
+    upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
+) -> Response<Body> {
+    let (origin, host) = (text(&headers, &header::ORIGIN), text(&headers, &header::HOST));
+    if !shared.guard.allows_origin(origin, host) {
+        if let Some(why) = origin.zip(host).and_then(|(origin, host)| misnamed(origin, host)) {
+            shared.tell(&why);
+        }
         return (StatusCode::FORBIDDEN, "the request does not come from a page of this server").into_response();
     }
+    let upgrade = match upgrade {
+        Ok(upgrade) => upgrade,
+        Err(rejection) => {
+            shared.tell(
+                "a page cannot connect: a proxy in front of the viewer does not pass on websockets; let it (nginx: \
+                 proxy_http_version 1.1; proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection upgrade;)",
+            );
+            return rejection.into_response();
+        }
+    };
     if shared.here.fetch_add(1, Ordering::SeqCst) >= MAX_CLIENTS {
         shared.here.fetch_sub(1, Ordering::SeqCst);
         // a page sees the messages of a socket, but not why one was refused

@@ -124,6 +124,8 @@ pub enum ScalarType {
     U64,
     /// 64-bit signed.
     I64,
+    /// Half precision.
+    F16,
     /// Single precision.
     F32,
     /// Double precision.
@@ -136,10 +138,22 @@ impl ScalarType {
     pub fn bytes(self) -> usize {
         match self {
             Self::U8 | Self::I8 => 1,
-            Self::U16 | Self::I16 => 2,
+            Self::U16 | Self::I16 | Self::F16 => 2,
             Self::U32 | Self::I32 | Self::F32 => 4,
             Self::U64 | Self::I64 | Self::F64 => 8,
         }
+    }
+
+    /// Whether its values are whole numbers.
+    #[must_use]
+    pub fn is_whole(self) -> bool {
+        !matches!(self, Self::F16 | Self::F32 | Self::F64)
+    }
+
+    /// Whether some of its values have more digits than single precision holds.
+    #[must_use]
+    pub fn is_wide(self) -> bool {
+        self.bytes() == 8 || matches!(self, Self::U32 | Self::I32)
     }
 
     /// The name in sidecars and messages: `u8`, `i16`, `f32`, ...
@@ -154,6 +168,7 @@ impl ScalarType {
             Self::I32 => "i32",
             Self::U64 => "u64",
             Self::I64 => "i64",
+            Self::F16 => "f16",
             Self::F32 => "f32",
             Self::F64 => "f64",
         }

@@ -1,9 +1,15 @@
 //! A time-varying volume: many files of one step, or one file of many. Steps are read one at a time, on demand; at most
 //! one file is kept open. The formats themselves are read in [`crate::volume::formats`].
 
+mod dates;
 mod inputs;
+#[cfg(test)]
+mod meaning_tests;
 mod names;
+mod notes;
+mod pieces;
 mod place;
+mod rounding;
 #[cfg(test)]
 mod tests;
 mod times;
@@ -11,7 +17,8 @@ mod times;
 use crate::volume::error::VolumeError;
 use crate::volume::formats;
 use crate::volume::grid::{Grid, Labels, ScalarType, Volume};
-use crate::volume::source::{Header, Physical, VolumeFile};
+use crate::volume::source::{Header, Physical, Variable, VolumeFile};
+use notes::Notes;
 use place::compare;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -33,8 +40,8 @@ pub struct SeriesOptions {
     pub nan_as: Option<f32>,
     /// Accept missing numbers in file names.
     pub allow_gaps: bool,
-    /// The time of each step in any unit, strictly increasing; `None` takes those of the file, or spaces the steps
-    /// evenly.
+    /// The time of each step in any unit, strictly increasing; `None` takes those of the file or the dates in the names
+    /// of the files, or spaces the steps evenly.
     pub times: Option<Vec<f64>>,
     /// Unit of length, instead of the one that the files name.
     pub length_unit: Option<String>,
@@ -42,6 +49,9 @@ pub struct SeriesOptions {
     pub time_unit: Option<String>,
     /// Accept files at different places: all are taken to be where the first is.
     pub ignore_origin: bool,
+    /// The array to read from files that hold several; `None` for the one that the first file marks as active, or its
+    /// first.
+    pub variable: Option<String>,
 }
 
 /// The values of a series, over all steps.
@@ -64,6 +74,9 @@ pub struct Series {
     times: Times,
     notes: Vec<String>,
     nan_as: Option<f32>,
+    variable: Option<String>,
+    /// Whether a file stores numbers of more digits than single precision has.
+    wide: Option<ScalarType>,
     kept: Mutex<Option<Kept>>,
     scan: OnceLock<Scan>,
 }
@@ -74,36 +87,43 @@ impl Series {
     ///
     /// # Errors
     /// No file, files out of order, a missing or repeated step, files on different grids, a 4D file among others,
-    /// invalid times, a unit of unknown times, or a file that cannot be read.
+    /// invalid times, a unit of unknown times, a file without the array that the first file gives, or a file that cannot
+    /// be read.
     pub fn open(inputs: &[String], options: &SeriesOptions) -> Result<Self, VolumeError> {
         let files = inputs::expand(inputs)?;
-        let gaps = inputs::check_order(inputs, &files, options)?;
+        let told = inputs::check_order(inputs, &files, options)?;
         if let Some(value) = options.nan_as.filter(|v| !v.is_finite()) {
             let problem = format!("{value} is not finite");
             return Err(VolumeError::invalid(&files[0], "--nan", problem, "give a finite number"));
         }
-        let first: Arc<dyn VolumeFile> = Arc::from(formats::open(&files[0])?);
+        let first: Arc<dyn VolumeFile> = Arc::from(formats::open_variable(&files[0], options.variable.as_deref())?);
         let mut header = first.header().clone();
+        // the same array in all files, whichever each marks as active
+        let variable = first.variable().map(str::to_owned);
         let mut notes = Notes::default();
         notes.add(&files[0], &header.notes);
         let mut mixed = false;
+        let mut wide = Some(header.scalar).filter(|s| s.is_wide());
         for file in &files[1..] {
-            let other = formats::open(file)?;
+            let other = formats::open_variable(file, variable.as_deref())?;
             compare(&files[0], &header, file, other.header(), options.ignore_origin, &mut notes)?;
             mixed |= other.header().scalar != header.scalar;
+            wide = wide.or(Some(other.header().scalar).filter(|s| s.is_wide()));
         }
         let mut notes = notes.lines();
+        notes.extend(told.notes);
         if mixed {
             notes.push(format!("the files differ in scalar type, the first is {}", header.scalar.name()));
         }
-        if gaps && options.times.is_none() {
+        if told.gaps && options.times.is_none() {
             notes.push("numbers are missing in the file names, the steps are assumed evenly spaced in time".into());
         }
         let steps = if files.len() == 1 { header.steps } else { files.len() };
-        let times = Times::new(&files[0], steps, options, &header.physical, &mut notes)?;
+        let dates = told.seconds.filter(|seconds| seconds.len() == steps);
+        let times = Times::new(&files[0], steps, options, dates, &header.physical, &mut notes)?;
         times::replace("--length-unit", &mut header.physical.length_unit, &options.length_unit, &mut notes);
         let kept = Mutex::new(Some((0, first)));
-        Ok(Self { files, header, times, notes, nan_as: options.nan_as, kept, scan: OnceLock::new() })
+        Ok(Self { files, header, times, notes, nan_as: options.nan_as, variable, wide, kept, scan: OnceLock::new() })
     }
 
     /// The files, in order of time.
@@ -147,6 +167,27 @@ impl Series {
     #[must_use]
     pub fn scalar(&self) -> ScalarType {
         self.header.scalar
+    }
+
+    /// Name of the array that is read, in formats whose files hold several.
+    #[must_use]
+    pub fn variable(&self) -> Option<&str> {
+        self.variable.as_deref()
+    }
+
+    /// The arrays of the first file, in formats whose files hold several.
+    ///
+    /// # Errors
+    /// The file has changed.
+    pub fn variables(&self) -> Result<Vec<Variable>, VolumeError> {
+        Ok(self.opened(0)?.variables().to_vec())
+    }
+
+    /// What the conversion of all steps to single precision loses, for users, where that matters: whole numbers are no
+    /// longer exact, or the field has few different values. `None` until [`Series::scan`] has read them.
+    #[must_use]
+    pub fn rounding(&self) -> Option<String> {
+        rounding::lost(self.wide?, self.scan.get()?.range?)
     }
 
     /// The display name of a step: the file name, with `[k]` for step `k` of a 4D file. Empty beyond the last step.
@@ -329,7 +370,7 @@ impl Series {
         // the previous one is closed first
         *kept = None;
         let path = &self.files[file];
-        let open: Arc<dyn VolumeFile> = Arc::from(formats::open(path)?);
+        let open: Arc<dyn VolumeFile> = Arc::from(formats::open_variable(path, self.variable.as_deref())?);
         if open.header().grid.dims != self.header.grid.dims || open.header().steps != self.header.steps {
             return Err(VolumeError::invalid(path, "sizes", "changed since the series was opened", "start again"));
         }
@@ -348,27 +389,4 @@ fn offenders(values: &[f32], bad: impl Fn(f32) -> bool + Sync) -> Option<(usize,
     let found = values.par_chunks(CHUNK).enumerate().map(part);
     let (count, first) = found.reduce(|| (0, usize::MAX), |a, b| (a.0 + b.0, a.1.min(b.1)));
     (count > 0).then_some((count, first))
-}
-
-/// Notes on files, each text once with the first file it concerns.
-#[derive(Default)]
-struct Notes(Vec<(String, PathBuf, usize)>);
-
-impl Notes {
-    fn add(&mut self, path: &Path, texts: &[String]) {
-        for text in texts {
-            match self.0.iter_mut().find(|n| n.0 == *text) {
-                Some(note) => note.2 += 1,
-                None => self.0.push((text.clone(), path.to_owned(), 1)),
-            }
-        }
-    }
-
-    fn lines(self) -> Vec<String> {
-        let line = |(text, path, count): (String, PathBuf, usize)| match count {
-            1 => format!("{}: {text}", path.display()),
-            _ => format!("{} and {} more files: {text}", path.display(), count - 1),
-        };
-        self.0.into_iter().map(line).collect()
-    }
 }

@@ -3,6 +3,7 @@
 use super::error::VolumeError;
 use super::grid::{Grid, ScalarType};
 use crate::data::calibration::AxisConvention;
+use serde::Serialize;
 use std::ops::Range;
 
 /// The unit of positions in files that say nothing of the distance between voxels.
@@ -45,10 +46,29 @@ pub struct Header {
     pub notes: Vec<String>,
 }
 
+/// An array of a file that may hold several.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Variable {
+    /// Its name.
+    pub name: String,
+    /// Number of values for each voxel: 1 for a scalar field, 3 for vectors.
+    pub components: u64,
+}
+
 /// An open volume file.
 pub trait VolumeFile: Send + Sync + std::fmt::Debug {
     /// Its header.
     fn header(&self) -> &Header;
+
+    /// Name of the array that is read; `None` for formats whose files hold one field.
+    fn variable(&self) -> Option<&str> {
+        None
+    }
+
+    /// All arrays of the file, in its order; none for formats whose files hold one field.
+    fn variables(&self) -> &[Variable] {
+        &[]
+    }
 
     /// Reads step `step` (0-based, below `header().steps`) into `out`, which is cleared first: `[z, y, x]`, x fastest.
     /// Values are converted to `f32`; they may be NaN or infinite, which the caller checks.

@@ -78,6 +78,12 @@ fn the_ground_truth_of_a_dataset_becomes_masks() {
         }
     }
     run_json(root, &["segment", "fine", "run", "--steps", "5", "--pixels", "128"]);
+    let began = std::time::Instant::now();
+    for more in [&["--pictures"][..], &["--replace"]] {
+        let words = ["--views 9999999: a mask file holds at most 671088 views"];
+        refused_and_unchanged(root, &[&["--views", "9999999"], more].concat(), &words);
+    }
+    assert!(began.elapsed().as_secs() < 20, "{:?}", began.elapsed());
     // more views than training has at that time: the test view of that time joins; fewer: some of them
     let again = ["segment", "masks", "run", "--source", "labels", "--replace"];
     refused_and_unchanged(root, &["--source", "labels"], &["masks.jsonl", "--replace"]);

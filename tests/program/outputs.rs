@@ -18,14 +18,14 @@ fn made_once() -> &'static Path {
 }
 
 /// A folder with a copy of the run.
-fn with_run() -> TempDir {
+pub fn with_run() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     copy(&made_once().join("run"), &folder.path().join("run"));
     folder
 }
 
 /// Returns the program in `root` with space-separated arguments.
-fn call(root: &Path, arguments: &str) -> Command {
+pub fn call(root: &Path, arguments: &str) -> Command {
     let mut command = volseggs();
     command.current_dir(root).args(arguments.split_whitespace());
     command
@@ -46,7 +46,7 @@ fn bytes_of(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 }
 
 /// Returns the name of a temporary of `name` as a killed process leaves it: no process has such a high number.
-fn leftover(name: &str) -> String {
+pub fn leftover(name: &str) -> String {
     let processes = std::fs::read_link("/proc/self/ns/pid").unwrap_or_default();
     let host = format!("{}{}", volseggs::process::host_name().unwrap_or_default(), processes.display());
     let host = host.bytes().fold(0x811c_9dc5, |h: u32, b| (h ^ u32::from(b)).wrapping_mul(0x0100_0193));

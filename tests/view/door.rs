@@ -147,3 +147,109 @@ fn a_socket_file_is_private_to_its_owner_and_removed_at_the_end() {
     viewer.wait().unwrap();
     assert!(!socket.exists());
 }
+
+/// A reverse proxy that, as many do by default, replaces the header Host by the address of the viewer. Returns its port.
+fn proxy(to: u16) -> u16 {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    let head = |stream: &mut TcpStream| {
+        let (mut head, mut byte) = (Vec::new(), [0]);
+        while !head.ends_with(b"\r\n\r\n") && stream.read(&mut byte).unwrap_or(0) == 1 {
+            head.push(byte[0]);
+        }
+        String::from_utf8(head).unwrap_or_default()
+    };
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            std::thread::spawn(move || {
+                let mut client = stream.unwrap();
+                let asked = head(&mut client);
+                let mut viewer = TcpStream::connect(("127.0.0.1", to)).unwrap();
+                // one request for each connection
+                let keep = asked.contains("Upgrade: websocket");
+                let lines = asked.trim_end().split("\r\n").filter(|l| {
+                    let name = l.split(':').next().unwrap_or_default().to_ascii_lowercase();
+                    name != "host" && (keep || name != "connection")
+                });
+                let lines: Vec<&str> = lines.collect();
+                let more = if keep { "" } else { "Connection: close\r\n" };
+                let sent = format!("{}\r\nHost: localhost:{to}\r\n{more}\r\n", lines.join("\r\n"));
+                drop(viewer.write_all(sent.as_bytes()));
+                let (mut from, mut back) = (client.try_clone().unwrap(), viewer.try_clone().unwrap());
+                std::thread::spawn(move || std::io::copy(&mut from, &mut back));
+                drop(std::io::copy(&mut viewer, &mut client));
+                drop(client.shutdown(std::net::Shutdown::Both));
+            });
+        }
+    });
+    port
+}
+
+#[test]
+fn what_a_proxy_does_wrong_is_said_in_the_terminal_once() {
+    let folder = run();
+    let (server, said) = Server::start_heard(folder.path(), &[]);
+    let cookie = format!("Cookie: {}\r\n", server.cookie());
+    let here = format!("Host: localhost:{}\r\n", server.port);
+    // the page asks under which name it reached the viewer, as it is not told why a websocket is refused
+    let (head, body) = get(&server, "/host", &format!("{here}{cookie}"));
+    assert!(head.starts_with("http/1.1 200") && body == format!("localhost:{}", server.port), "{head} {body}");
+    assert!(get(&server, "/host", &here).0.starts_with("http/1.1 403"));
+    // who does not have the token is told, but the terminal is not
+    let foreign = "Host: viz.example.org\r\n";
+    let (head, body) = get(&server, "/", foreign);
+    assert!(head.starts_with("http/1.1 403") && head.contains("connection: close"), "{head}");
+    assert!(body.contains("--allow-host viz.example.org"), "{body}");
+    let (_, body) = get(&server, "/", "Host: <script>\r\n");
+    assert!(!body.contains("script"), "{body}");
+    for _ in 0..3 {
+        let host = ("Host", &*format!("localhost:{}", server.port));
+        let opened = connect(&server, &[("Cookie", &server.cookie()), host, ("Origin", "https://viz.example.org")]);
+        assert!(opened.is_err());
+    }
+    assert!(get(&server, "/", &format!("{foreign}{cookie}")).0.starts_with("http/1.1 403"));
+    drop(server);
+    let said = said.join().unwrap();
+    let notes: Vec<&str> = said.lines().filter(|l| l.contains("viz.example.org")).collect();
+    assert!(notes.len() == 1 && notes[0].contains("proxy_set_header Host $http_host"), "{said}");
+    assert!(notes[0].contains("--allow-host viz.example.org"), "{said}");
+}
+
+#[test]
+fn what_a_proxy_does_wrong_is_said_on_the_page() {
+    let Some(mut browser) = crate::browser::Browser::start() else { return };
+    let folder = run();
+    let server = Server::start(folder.path(), &[]);
+    let port = proxy(server.port);
+    let tab = browser.open(&format!("http://127.0.0.1:{port}/?token={}", server.token));
+    browser.wait(&tab, "document.getElementById('message').textContent.includes('proxy_set_header Host')");
+    let said = browser.eval(&tab, "document.getElementById('message').textContent");
+    let said = said.as_str().unwrap();
+    assert!(said.contains(&format!("at 127.0.0.1:{port}")) && said.contains("--allow-host 127.0.0.1"), "{said}");
+}
+
+#[test]
+fn clients_that_send_nothing_do_not_lock_the_owner_out() {
+    let folder = run();
+    let mut command = std::process::Command::new("sh");
+    let program = "ulimit -n 100; exec \"$0\" view run";
+    command.current_dir(folder.path()).args(["-c", program, crate::common::BINARY]);
+    let server = Server::of(command);
+    let silent: Vec<TcpStream> = (0..95)
+        .map(|_| {
+            let mut stream = TcpStream::connect(("127.0.0.1", server.port)).unwrap();
+            stream.write_all(b"GET / HTTP/1.1\r\nHost: loc").unwrap();
+            stream
+        })
+        .collect();
+    let began = std::time::Instant::now();
+    let cookie = format!("Host: localhost:{}\r\nCookie: {}\r\n", server.port, server.cookie());
+    // behind all of them in the queue: each is given ten seconds, fifty at a time
+    let (head, _) = get(&server, "/", &cookie);
+    assert!(head.starts_with("http/1.1 200"), "{head}");
+    assert!(began.elapsed().as_secs() < 60, "{:?}", began.elapsed());
+    // and they were ended
+    let mut first = silent.into_iter().next().unwrap();
+    first.set_read_timeout(Some(std::time::Duration::from_secs(20))).unwrap();
+    assert_eq!(first.read(&mut [0; 8]).unwrap_or(1), 0);
+}

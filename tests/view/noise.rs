@@ -167,3 +167,44 @@ fn a_window_that_reads_nothing_does_not_block_others() {
     other.say(&view(&welcome, 0.9, "colour", false));
     while (other.lossless().time - 0.9).abs() > 1e-6 {}
 }
+
+#[test]
+fn numbers_that_the_commands_refuse_are_refused() {
+    let folder = run();
+    let server = Server::start(folder.path(), &[]);
+    let (mut window, welcome) = Window::open(&server);
+    window.say(&view(&welcome, 0.5, "colour", false));
+    window.lossless();
+    let name = window.document["segments"][0]["name"].as_str().unwrap().to_owned();
+    let base = window.document["revision"].clone();
+    let edits = [
+        (json!({ "translate": { "by": [3e38, 3e38, 3e38] } }), "is too far; give three numbers between -1e15 and 1e15"),
+        (json!({ "scale": { "factor": 1e30 } }), "is not a scale; give a number from 1e-6 to 1e6"),
+        (json!({ "rotate": { "axis": [0, 0, 1], "degrees": 5, "about": [0, 2e15, 0] } }), "is too far"),
+    ];
+    for (id, (operation, words)) in (1..).zip(edits) {
+        let change = json!({ "kind": "edit", "segments": [name], "operation": operation });
+        window.say(&json!({ "type": "change", "id": id, "base": base, "change": change }));
+        let answer = window.wait_for(|m| m["id"] == id);
+        assert!(answer["type"] == "error" && answer["message"].as_str().unwrap().contains(words), "{answer}");
+    }
+    for (id, (meaning, words)) in (10..).zip([
+        (json!({ "by": { "scale": 1e38, "threshold": 0.5 } }), "scale: "),
+        (json!({ "by": { "scale": 0.5, "threshold": -1e38 } }), "threshold: "),
+        (json!({ "level": 1_000_000_000_000_000_000_u64 }), "levels at this click"),
+        (json!({ "level": 0 }), "a whole number, 1 or above"),
+    ]) {
+        window.say(&json!({ "type": "pick", "id": id, "pixel": [16, 16], "within": null, "meaning": meaning }));
+        let answer = window.wait_for(|m| m["id"] == id);
+        assert!(answer["type"] == "error" && answer["message"].as_str().unwrap().contains(words), "{answer}");
+    }
+    let answers = crate::common::volseggs()
+        .current_dir(folder.path())
+        .args(["edit", "scale", "run", "--segment", &name, "--factor", "1e30"])
+        .assert()
+        .code(2)
+        .get_output()
+        .clone();
+    let said = String::from_utf8(answers.stderr).unwrap();
+    assert!(said.contains("give a number from 1e-6 to 1e6"), "{said}");
+}

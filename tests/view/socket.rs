@@ -3,10 +3,11 @@
 use crate::common::BINARY;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read};
 use std::net::TcpStream;
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tungstenite::client::IntoClientRequest;
 use tungstenite::stream::MaybeTlsStream;
@@ -29,9 +30,28 @@ impl Server {
         Self::of(command)
     }
 
+    /// Like [`Server::start`]; also returns a thread that ends with the viewer, with what it printed on standard error.
+    pub fn start_heard(root: &Path, flags: &[&str]) -> (Self, JoinHandle<String>) {
+        let mut command = Command::new(BINARY);
+        command.current_dir(root).args(["view", "run"]).args(flags).stderr(Stdio::piped());
+        let mut server = Self::with_errors(command);
+        let mut errors = server.child.stderr.take().unwrap();
+        let heard = std::thread::spawn(move || {
+            let mut text = String::new();
+            errors.read_to_string(&mut text).unwrap();
+            text
+        });
+        (server, heard)
+    }
+
     /// Starts the command and waits until it reports its address.
     pub fn of(mut command: Command) -> Self {
-        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
+        command.stderr(Stdio::null());
+        Self::with_errors(command)
+    }
+
+    fn with_errors(mut command: Command) -> Self {
+        let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let mut url = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut url).unwrap();
         let rest = url.trim().strip_prefix("http://localhost:").unwrap_or_else(|| panic!("{url}"));

@@ -199,17 +199,11 @@ impl PickArgs {
         let (mut made, mut picked) = (None, None);
         if wants {
             let (meaning, keep_strays, list) = (self.meaning(), self.keep_strays, self.levels);
-            let found = clicking.select(&hit, &PickOptions { meaning, keep_strays, list }).map_err(click)?;
-            let count = found.levels.len();
-            if let Some(Meaning::Level(n)) =
-                self.level.filter(|level| matches!(level, Meaning::Level(n) if *n >= count))
-            {
-                return Err(CliError::input(format!(
-                    "--level {}: there are {count} levels at this click; list them with --levels",
-                    n + 1
-                )));
-            }
-            picked = Some(found);
+            let found = clicking.select(&hit, &PickOptions { meaning, keep_strays, list });
+            picked = Some(found.map_err(|e| match e {
+                ClickError::Level { .. } => CliError::input(format!("--{e}; list them with --levels")),
+                other => click(other),
+            })?);
         }
         let seconds = started.elapsed().as_secs_f64();
         if let (Some(name), Some(picked)) = (&self.name, &picked) {

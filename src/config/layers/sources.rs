@@ -62,7 +62,7 @@ impl<'a> Reader<'a> {
     ) -> Result<(), ConfigError> {
         let (id, text, dir, path) = match self.find(name, dir, wanted_by)? {
             Found::File(path) => {
-                let text = crate::files::read_text(&path)
+                let text = crate::files::read_settings(&path)
                     .map_err(|source| ConfigError::Read { path: path.clone(), source })?;
                 let id = path.canonicalize().unwrap_or_else(|_| path.clone());
                 let dir = path.parent().map(Path::to_path_buf);

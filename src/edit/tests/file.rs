@@ -39,7 +39,7 @@ fn an_error_names_file_and_field() {
         (with(r#"{"opacity":{"factor":1,"x":2}}"#), &format!("{op}.opacity"), "`x`"),
         (with(r#"{"opacity":{"factor":-1}}"#), &format!("{op}.opacity.factor"), "at least 0"),
         (with(r#"{"opacity":{"factor":1e39}}"#), &format!("{op}.opacity.factor"), "finite"),
-        (with(r#"{"scale":{"factor":0}}"#), &format!("{op}.scale.factor"), "above 0"),
+        (with(r#"{"scale":{"factor":0}}"#), &format!("{op}.scale.factor"), "from 1e-6 to 1e6"),
         (with(r#"{"translate":{"by":[1,2]}}"#), &format!("{op}.translate.by"), "three numbers"),
         (with(r#"{"rotate":{"axis":[0,0,0],"degrees":1}}"#), &format!("{op}.rotate.axis"), "direction"),
         (with(r#"{"rotate":{"axis":[0,0,1],"degrees":1,"about":1}}"#), &format!("{op}.rotate.about"), "or null"),

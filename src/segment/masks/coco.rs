@@ -5,29 +5,33 @@
 
 use std::{
     collections::HashMap,
-    io::BufReader,
     path::{Path, PathBuf},
 };
 
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
+use serde_json::Value;
 
 use super::{
     mask::Mask,
     rle,
     store::{StoreError, mask_of_size},
 };
-use crate::files::open_regular;
+use crate::files::read_text;
+use crate::words::plain;
 
 /// One image that a COCO file lists.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 pub struct CocoImage {
-    /// Its number in the file.
-    pub id: u64,
+    /// Its number or text in the file.
+    #[serde(deserialize_with = "key")]
+    pub id: String,
     /// Name of the image file.
     pub file_name: String,
     /// Width in pixels.
+    #[serde(deserialize_with = "whole")]
     pub width: u32,
     /// Height in pixels.
+    #[serde(deserialize_with = "whole")]
     pub height: u32,
 }
 
@@ -52,10 +56,12 @@ struct Document {
 
 #[derive(Debug, Deserialize)]
 struct Entry {
-    image_id: u64,
+    #[serde(deserialize_with = "key")]
+    image_id: String,
     segmentation: Shape,
+    /// Often a number; others are not needed.
     #[serde(default)]
-    category_id: u64,
+    category_id: Value,
     predicted_iou: Option<f32>,
     score: Option<f32>,
     stability_score: Option<f32>,
@@ -68,6 +74,45 @@ enum Shape {
     Plain { size: [u32; 2], counts: Vec<u32> },
     Polygons(#[expect(dead_code, reason = "only that it is a list matters")] Vec<serde::de::IgnoredAny>),
     Other(serde::de::IgnoredAny),
+}
+
+/// What a JSON text is instead of a COCO file, and how to make one of it, if it is one of the forms that SAM writes.
+fn other_form(text: &str) -> Option<&'static str> {
+    let value: Value = serde_json::from_str(text).ok()?;
+    match &value {
+        Value::Array(_) => Some(
+            "is a list of masks, as SAM's automatic mask generator returns, which does not tell their picture; write \
+             {\"images\": [{\"id\": 0, \"file_name\": \"SEGMENT/view-000.png\", \"width\": W, \"height\": H}, ...], \
+             \"annotations\": [...]}, and give each mask the image_id of its picture",
+        ),
+        Value::Object(file) if file.contains_key("image") => Some(
+            "is the file of one picture, as in SA-1B; write one file with all pictures: their `image`s as the list \
+             \"images\", and all masks as the list \"annotations\", each with the image_id of its picture",
+        ),
+        _ => None,
+    }
+}
+
+/// The id of an image: a number or text; numbers with a point, as tables of floating point columns are written, are the
+/// same as without.
+fn key<'de, D: Deserializer<'de>>(input: D) -> Result<String, D::Error> {
+    match Value::deserialize(input)? {
+        Value::String(text) => Ok(text),
+        Value::Number(n) if n.is_f64() => match n.as_f64() {
+            Some(v) if v.fract() == 0.0 && v.abs() < 1e15 => Ok(format!("{v:.0}")),
+            _ => Err(serde::de::Error::custom(format!("expected a whole number or text as id, not {n}"))),
+        },
+        Value::Number(n) => Ok(n.to_string()),
+        other => Err(serde::de::Error::custom(format!("expected a whole number or text as id, not {other}"))),
+    }
+}
+
+/// A side in pixels; with a point, as tables of floating point columns are written, if it is whole.
+fn whole<'de, D: Deserializer<'de>>(input: D) -> Result<u32, D::Error> {
+    let value = Value::deserialize(input)?;
+    let number = value.as_f64().filter(|v| v.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(v));
+    let wrong = || serde::de::Error::custom(format!("expected a whole number of pixels, not {value}"));
+    number.map(|v| v as u32).ok_or_else(wrong)
 }
 
 /// An opened COCO annotations file.
@@ -86,12 +131,14 @@ impl CocoFile {
     /// [`StoreError::Io`]; [`StoreError::Field`] for text that is not a COCO file, ids listed twice and annotations of
     /// an image that is not listed.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
-        let input = BufReader::new(open_regular(path).map_err(StoreError::io(path))?);
-        let Document { images, annotations } =
-            serde_json::from_reader(input).map_err(|e| StoreError::field(path, "images, annotations", e))?;
+        let text = read_text(path).map_err(StoreError::io(path))?;
+        let Document { images, annotations } = serde_json::from_str(&text).map_err(|e| {
+            let problem = other_form(&text).map_or_else(|| plain(&e.to_string()), str::to_owned);
+            StoreError::field(path, "images, annotations", problem)
+        })?;
         let mut places = HashMap::with_capacity(images.len());
         for (index, image) in images.iter().enumerate() {
-            if places.insert(image.id, index).is_some() {
+            if places.insert(image.id.clone(), index).is_some() {
                 let problem = format!("{} is listed twice; ids must differ", image.id);
                 return Err(StoreError::field(path, format!("images[{index}].id"), problem));
             }
@@ -154,7 +201,7 @@ impl CocoFile {
         };
         Ok(ForeignMask {
             mask,
-            category: entry.category_id,
+            category: entry.category_id.as_u64().unwrap_or(0),
             predicted_iou: score("predicted_iou", entry.predicted_iou.or(entry.score))?,
             stability_score: score("stability_score", entry.stability_score)?,
         })
@@ -239,7 +286,44 @@ mod tests {
         let message = |text: &str| open(text).unwrap_err().to_string();
         assert!(message(&text.replace("\"id\":3", "\"id\":7")).contains("images[1].id"));
         assert!(message(&text.replace("\"image_id\":7", "\"image_id\":8")).contains("annotations[0].image_id"));
-        assert!(message("{}").contains("coco.json"));
+        assert!(message("{}").contains("coco.json") && message("{}").contains("`images` is missing"));
+    }
+
+    #[test]
+    fn ids_may_be_text_or_have_a_point() {
+        for (id, other) in [("\"a\"", "\"b\""), ("7.0", "3.0"), ("7", "\"3\"")] {
+            let text = file(r#"{"size":[3,2],"counts":"141"}"#).replace("\"width\":2", "\"width\":2.0");
+            let text =
+                text.replace("\"id\":7", &format!("\"id\":{id}")).replace("\"id\":3", &format!("\"id\":{other}"));
+            let text = text.replace("\"image_id\":7", &format!("\"image_id\":{id}"));
+            assert_eq!(open(&text).unwrap().masks(0).unwrap().len(), 1, "{id}");
+            let mixed = text.replace(&format!("\"image_id\":{id}"), "\"image_id\":7.5");
+            let message = open(&mixed).unwrap_err().to_string();
+            assert!(message.contains("whole number or text as id, not 7.5"), "{message}");
+        }
+        let side = file("[]").replace("\"width\":2", "\"width\":2.5");
+        let message = open(&side).unwrap_err().to_string();
+        assert!(message.contains("a whole number of pixels, not 2.5"), "{message}");
+    }
+
+    #[test]
+    fn forms_that_sam_writes_are_explained() {
+        let mask = r#"{"segmentation":{"size":[3,2],"counts":"141"},"area":4,"predicted_iou":0.9}"#;
+        for (text, words) in [
+            (format!("[{mask}]"), "a list of masks, as SAM's automatic mask generator returns"),
+            ("[]".to_owned(), "a list of masks"),
+            (format!(r#"{{"image":{{"image_id":0}},"annotations":[{mask}]}}"#), "as in SA-1B"),
+        ] {
+            let message = open(&text).unwrap_err().to_string();
+            assert!(message.contains(words) && message.contains("image_id of its picture"), "{message}");
+            assert!(!message.contains("expected"), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_byte_order_mark_is_no_part_of_a_file() {
+        let marked = format!("\u{feff}{}", file(r#"{"size":[3,2],"counts":"141"}"#));
+        assert_eq!(open(&marked).unwrap().masks(0).unwrap().len(), 1);
     }
 
     proptest! {

@@ -1,20 +1,23 @@
-//! Masks of other programs as a folder of grey PNG images, 8 or 16 bits, one folder for all views.
+//! Masks of other programs as a folder of PNG images, grey of 8 or 16 bits or with a palette, one folder for all views.
 //!
 //! A view `NAME.png` has its masks either in `NAME.png`, a label image of which every value but 0 is a mask, or in
 //! files `NAME_K.png` with K a whole number, one binary mask each (every value but 0 is set). Files are read on demand.
 
 use std::{
-    collections::{BTreeMap, HashMap},
+    collections::{BTreeMap, BTreeSet, HashMap},
     io::Cursor,
     path::{Path, PathBuf},
 };
 
 use image::codecs::png::PngDecoder;
-use image::{DynamicImage, ImageDecoder};
+use image::{ColorType, DynamicImage, ImageDecoder};
 
 use super::{coco::ForeignMask, mask::Mask, store::StoreError};
 use crate::data::png::check_claim;
 use crate::files::read_regular;
+
+/// The colour type of a PNG with a palette, in its header.
+const INDEXED: u8 = 3;
 
 /// Where a view's masks are.
 #[derive(Debug, Clone)]
@@ -99,7 +102,7 @@ impl PngFolder {
     /// skipped.
     ///
     /// # Errors
-    /// [`StoreError::Io`]; [`StoreError::Field`] for files that are not grey PNGs or not of the views' size.
+    /// [`StoreError::Io`]; [`StoreError::Field`] for files that are not PNGs of greys or indices, or not of the views' size.
     pub fn masks(&self, view: usize) -> Result<Vec<ForeignMask>, StoreError> {
         let Some(files) = self.views.get(view) else {
             let problem = format!("view {view} was requested, but there are only {}", self.views.len());
@@ -140,7 +143,8 @@ impl PngFolder {
         let bytes = read_regular(path).map_err(StoreError::io(path))?;
         let wrong = |e: image::ImageError| StoreError::field(path, "PNG", e);
         check_claim(&bytes, bytes.len() as u64).map_err(|e| StoreError::field(path, "PNG", e))?;
-        let decoder = PngDecoder::new(Cursor::new(bytes)).map_err(wrong)?;
+        let indexed = bytes.get(25) == Some(&INDEXED);
+        let decoder = PngDecoder::new(Cursor::new(&bytes)).map_err(wrong)?;
         // before any pixel is unpacked: a small file may claim any size
         let (found_width, found_height) = decoder.dimensions();
         if (found_width, found_height) != (self.width, self.height) {
@@ -148,14 +152,47 @@ impl PngFolder {
             let problem = format!("the mask is {found_width}x{found_height}, but the image is {width}x{height}");
             return Err(StoreError::field(path, "size", problem));
         }
+        if indexed {
+            return indices(&bytes).map_err(|e| StoreError::field(path, "PNG", e));
+        }
         match DynamicImage::from_decoder(decoder).map_err(wrong)? {
             DynamicImage::ImageLuma8(grey) => Ok(grey.into_raw().into_iter().map(u16::from).collect()),
             DynamicImage::ImageLuma16(grey) => Ok(grey.into_raw()),
             other => {
-                let problem = format!("is {:?}; masks must be 8-bit or 16-bit grey, without alpha", other.color());
+                let found = match other.color() {
+                    ColorType::La8 | ColorType::La16 => "grey with alpha",
+                    ColorType::Rgba8 | ColorType::Rgba16 => "coloured (RGB) with alpha",
+                    _ => "coloured (RGB)",
+                };
+                let problem = format!(
+                    "are {found}; masks must be grey without alpha, 8 or 16 bits, or have indexed colours (a palette)"
+                );
                 Err(StoreError::field(path, "pixels", problem))
             }
         }
+    }
+}
+
+/// The indices `[height * width]` of a PNG with a palette, as segmentation tools write labels. A palette of different
+/// greys is that of a grey image which was made smaller: then the greys are returned.
+fn indices(bytes: &[u8]) -> Result<Vec<u16>, png::DecodingError> {
+    let mut decoder = png::Decoder::new(Cursor::new(bytes));
+    decoder.set_transformations(png::Transformations::IDENTITY);
+    let mut reader = decoder.read_info()?;
+    let (width, depth) = (reader.info().width as usize, reader.info().bit_depth as usize);
+    let palette: Vec<[u8; 3]> = reader.info().palette.iter().flat_map(|p| p.as_chunks::<3>().0).copied().collect();
+    let mut packed = vec![0; reader.output_buffer_size().unwrap_or(0)];
+    let line = reader.next_frame(&mut packed)?.line_size;
+    let mask = u16::MAX >> (16 - depth);
+    let pixel = |row: &[u8], x: usize| (u16::from(row[x * depth / 8]) >> (8 - depth - x * depth % 8)) & mask;
+    let all: Vec<u16> =
+        packed.chunks_exact(line.max(1)).flat_map(|row| (0..width).map(move |x| pixel(row, x))).collect();
+    let used: BTreeSet<u16> = all.iter().copied().collect();
+    let grey = |index: &u16| palette.get(usize::from(*index)).filter(|[r, g, b]| r == g && g == b).map(|c| c[0]);
+    let greys: Option<BTreeMap<u16, u8>> = used.iter().map(|i| Some((*i, grey(i)?))).collect();
+    match greys.filter(|greys| greys.values().collect::<BTreeSet<_>>().len() == used.len()) {
+        Some(greys) => Ok(all.iter().map(|i| u16::from(greys[i])).collect()),
+        None => Ok(all),
     }
 }
 
@@ -193,6 +230,44 @@ mod tests {
         assert!(opened.masks(3).is_err());
     }
 
+    /// A PNG 3 pixels wide and 2 high with a palette, whose indices have 1, 2, 4 or 8 bits.
+    fn indexed(path: &Path, bits: usize, palette: &[[u8; 3]], indices: [[u8; 3]; 2]) {
+        let mut encoder = png::Encoder::new(std::fs::File::create(path).unwrap(), 3, 2);
+        encoder.set_color(png::ColorType::Indexed);
+        encoder.set_depth(png::BitDepth::from_u8(bits as u8).unwrap());
+        encoder.set_palette(palette.as_flattened().to_vec());
+        let row = |row: [u8; 3]| {
+            let mut packed = vec![0u8; (3 * bits).div_ceil(8)];
+            row.iter().enumerate().for_each(|(x, v)| packed[x * bits / 8] |= v << (8 - bits - x * bits % 8));
+            packed
+        };
+        let rows = indices.map(row).concat();
+        encoder.write_header().unwrap().write_image_data(&rows).unwrap();
+    }
+
+    #[test]
+    fn palettes_are_read_by_index_and_palettes_of_greys_by_grey() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let found = || {
+            let opened = PngFolder::open(folder.path(), &["a.png".to_owned()], 3, 2).unwrap();
+            opened.masks(0).unwrap().iter().map(|m| (m.category, m.mask.area())).collect::<Vec<_>>()
+        };
+        let [black, red, green] = [[0, 0, 0], [128, 0, 0], [0, 128, 0]];
+        for bits in [2, 4, 8] {
+            indexed(&path, bits, &[black, red, green], [[0, 1, 1], [2, 0, 1]]);
+            assert_eq!(found(), [(1, 3), (2, 1)], "{bits}");
+            // indices without colours of their own
+            indexed(&path, bits, &[black, black, black], [[0, 1, 1], [2, 0, 1]]);
+            assert_eq!(found(), [(1, 3), (2, 1)], "{bits}");
+        }
+        indexed(&path, 1, &[black, red], [[0, 1, 1], [0, 0, 1]]);
+        assert_eq!(found(), [(1, 3)]);
+        // a grey mask that was made smaller, with its colours in the order in which they were met
+        indexed(&path, 1, &[[255; 3], black], [[0, 1, 1], [1, 1, 0]]);
+        assert_eq!(found(), [(255, 2)]);
+    }
+
     #[test]
     fn an_image_of_all_labels_is_read_in_one_pass() {
         let folder = tempfile::tempdir().unwrap();
@@ -221,7 +296,7 @@ mod tests {
         let grey = |folder: &Path, name: &str, side: u32| GrayImage::new(side, side).save(folder.join(name)).unwrap();
         check("fits no view", &|folder| grey(folder, "b_1.png", 2));
         check("3x3", &|folder| grey(folder, "a_1.png", 3));
-        check("grey", &|folder| RgbImage::new(2, 2).save(folder.join("a.png")).unwrap());
+        check("coloured (RGB); masks must be grey", &|folder| RgbImage::new(2, 2).save(folder.join("a.png")).unwrap());
         check("already", &|folder| {
             grey(folder, "a.png", 2);
             grey(folder, "a_1.png", 2);

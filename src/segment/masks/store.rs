@@ -22,6 +22,8 @@ pub use super::reader::MaskReader;
 pub const FORMAT: &str = "volseggs-masks";
 /// Upper bound on the length of a line; a longer line means that the file is not a mask file.
 pub(super) const LONGEST_LINE: u64 = 256 << 20;
+/// Maximum number of views of a mask file: its header, a line, names each in at most 400 bytes.
+pub const MAX_VIEWS: usize = LONGEST_LINE as usize / 400;
 /// Version of the file format that this code writes and reads.
 pub const VERSION: u32 = 1;
 

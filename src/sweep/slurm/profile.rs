@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::Deserialize;
 
 use super::{SlurmError, io_at};
-use crate::files::read_text;
+use crate::files::read_settings;
 
 /// What a task may use, and how the program is called on the nodes.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
@@ -79,7 +79,7 @@ impl Profile {
     /// [`SlurmError::Io`], [`SlurmError::Toml`] for unknown keys and wrong types, [`SlurmError::Key`] for a value that
     /// Slurm would not accept.
     pub fn read(path: &Path) -> Result<Self, SlurmError> {
-        let text = read_text(path).map_err(io_at(path))?;
+        let text = read_settings(path).map_err(io_at(path))?;
         Self::parse(path, &text)
     }
 

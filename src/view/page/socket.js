@@ -10,16 +10,32 @@ const hearers = {};
 // sets the listener for messages of a type; frames have the type "frame"
 export const hear = (type, hearer) => { hearers[type] = hearer; };
 
+// why a proxy in front of the viewer keeps the socket from opening, if it does: a page is not told
+async function misled() {
+  const answer = await fetch("/host", { signal: AbortSignal.timeout(5000) }).catch(() => null);
+  if (!answer?.ok) return null;
+  const host = await answer.text();
+  if (host.toLowerCase() === location.host) {
+    return "The viewer's page is served, but its websocket is refused. A proxy in front of the viewer must pass on websockets "
+      + "(nginx: proxy_http_version 1.1; proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection upgrade;).";
+  }
+  return `This page is at ${location.host}, but the proxy in front of the viewer calls it ${host}, so the viewer refuses its `
+    + "websocket. Let the proxy pass the name on (nginx: proxy_set_header Host $http_host;), and start the viewer with "
+    + `--allow-host ${location.hostname}.`;
+}
+
 export function connect() {
+  let opened = false;
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`);
   socket.binaryType = "arraybuffer";
   socket.onmessage = ({ data }) => (typeof data === "string" ? listen(JSON.parse(data)) : hearers.frame(data));
-  socket.onclose = () => {
+  socket.onopen = () => { opened = true; };
+  socket.onclose = async () => {
     hearers.closed?.();
     for (const { reject } of waiting.values()) reject("The viewer does not answer.");
     waiting.clear();
     if (ended) return say(ended);
-    say("The viewer does not answer; trying again …", true);
+    say((!opened && await misled()) || "The viewer does not answer; trying again …", true);
     setTimeout(connect, 1000);
   };
 }

@@ -8,6 +8,7 @@ use crate::view::compare::Compare;
 use crate::view::gizmo::Preview;
 use crate::view::jobs::task::Task;
 use serde::Deserialize;
+use std::num::NonZero;
 
 /// A message of a client.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
@@ -157,7 +158,7 @@ pub struct Wanted {
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Asked {
     /// A level, from 1, the smallest.
-    Level(usize),
+    Level(NonZero<usize>),
     /// A mask scale in [0, 1] and the minimum cosine of members.
     By {
         /// The scale.
@@ -251,7 +252,11 @@ mod tests {
         assert!(read(&seen.replace("\"moving\"", "\"x\":1,\"moving\"")).is_err(), "unknown field");
         let pick = read(r#"{"type":"pick","id":1,"pixel":[3,4],"meaning":{"level":2},"combine":"add"}"#).unwrap();
         let Request::Pick { meaning, combine, within, .. } = pick else { panic!("{pick:?}") };
-        assert_eq!((meaning, combine, within), (Some(Asked::Level(2)), Combine::Add, None));
+        assert_eq!((meaning, combine, within), (NonZero::new(2).map(Asked::Level), Combine::Add, None));
+        assert!(
+            read(r#"{"type":"pick","id":1,"pixel":[3,4],"meaning":{"level":0}}"#).is_err(),
+            "levels are counted from 1"
+        );
         let edit = r#"{"type":"change","id":1,"base":3,"change":{"kind":"edit","segments":["red"],"operation":{"opacity":{"factor":0.5}}}}"#;
         assert!(matches!(read(edit).unwrap(), Request::Change { base: 3, change: Change::Edit { .. }, .. }));
         for bad in ["", "{}", "[]", r#"{"type":"ack"}"#, r#"{"type":"ack","frame":-1}"#, r#"{"type":"run","cmd":"ls"}"#]

@@ -72,6 +72,18 @@ pub fn scalar_from_name(name: &str) -> Option<ScalarType> {
         "i16" | "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => ScalarType::I16,
         "u32" | "uint" | "unsigned" | "unsigned int" | "uint32" | "uint32_t" => ScalarType::U32,
         "i32" | "int" | "signed int" | "int32" | "int32_t" => ScalarType::I32,
+        "u64" | "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => {
+            ScalarType::U64
+        }
+        "i64"
+        | "longlong"
+        | "long long"
+        | "long long int"
+        | "signed long long"
+        | "signed long long int"
+        | "int64"
+        | "int64_t" => ScalarType::I64,
+        "f16" | "half" | "float16" => ScalarType::F16,
         "f32" | "float" | "float32" | "single" => ScalarType::F32,
         "f64" | "double" | "float64" => ScalarType::F64,
         _ => return None,
@@ -223,6 +235,10 @@ mod tests {
     fn names_of_types() {
         assert_eq!(scalar_from_name(" Unsigned   char "), Some(ScalarType::U8));
         assert_eq!(scalar_from_name("float64"), Some(ScalarType::F64));
-        assert_eq!(scalar_from_name("int64"), None);
+        assert_eq!(scalar_from_name("signed  long long int"), Some(ScalarType::I64));
+        assert_eq!(scalar_from_name("uint64"), Some(ScalarType::U64));
+        assert_eq!(scalar_from_name("float16"), Some(ScalarType::F16));
+        // of 32 or 64 bits, depending on the machine
+        assert_eq!(scalar_from_name("long"), None);
     }
 }

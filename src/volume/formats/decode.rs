@@ -1,6 +1,7 @@
 //! Converts stored values to `f32`: either byte order, every [`ScalarType`]. No files here.
 
 use crate::volume::grid::ScalarType;
+use half::f16;
 use rayon::prelude::*;
 
 /// Values converted by one task; fixed, though values are independent and no result depends on it.
@@ -41,6 +42,10 @@ pub fn decode_into(bytes: &[u8], scalar: ScalarType, endian: Endian, first: usiz
         ScalarType::I16 => as_f32!(i16),
         ScalarType::U32 => as_f32!(u32),
         ScalarType::I32 => as_f32!(i32),
+        ScalarType::F16 => match endian {
+            Endian::Little => convert(bytes, first, stride, out, |b| f16::from_le_bytes(b).to_f32()),
+            Endian::Big => convert(bytes, first, stride, out, |b| f16::from_be_bytes(b).to_f32()),
+        },
         ScalarType::F32 => as_f32!(f32),
         ScalarType::U64 => as_f32!(u64),
         ScalarType::I64 => as_f32!(i64),
@@ -104,6 +109,21 @@ mod tests {
     round_trip!(i32_round_trip, i32, ScalarType::I32);
     round_trip!(f32_round_trip, f32, ScalarType::F32);
     round_trip!(f64_round_trip, f64, ScalarType::F64);
+    round_trip!(u64_round_trip, u64, ScalarType::U64);
+    round_trip!(i64_round_trip, i64, ScalarType::I64);
+
+    #[test]
+    fn every_half_float_is_exact() {
+        let all: Vec<f16> = (0..=u16::MAX).map(f16::from_bits).collect();
+        for (endian, bytes) in [
+            (Endian::Little, all.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>()),
+            (Endian::Big, all.iter().flat_map(|v| v.to_be_bytes()).collect()),
+        ] {
+            let mut out = Vec::new();
+            decode(&bytes, ScalarType::F16, endian, &mut out);
+            assert!(out.iter().zip(&all).all(|(o, v)| o.to_bits() == v.to_f32().to_bits() || v.is_nan() && o.is_nan()));
+        }
+    }
 
     #[test]
     fn large_input_equals_the_values_one_by_one() {

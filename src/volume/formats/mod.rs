@@ -52,28 +52,76 @@ pub fn format_of(path: &Path) -> Option<(Format, usize)> {
     KNOWN.iter().find(|(e, _)| name.len() > e.len() && name.ends_with(e)).map(|(e, f)| (*f, e.len()))
 }
 
-/// Opens a volume file: reads its header, not its values.
+/// Formats that are not read, by their extensions, and what to do with such a file.
+const NOT_READ: [(&[&str], &str); 9] = [
+    (
+        &[".hdr", ".img", ".hdr.gz", ".img.gz"],
+        "a .hdr/.img pair: convert it to one .nii or .nii.gz file (NIfTI-1), for example with nibabel",
+    ),
+    (
+        &[".npz"],
+        "an archive of several arrays: save one of them with numpy.save, as in numpy.save(\"rho.npy\", archive[\"rho\"])",
+    ),
+    (
+        &[".vtk", ".vtr", ".vts", ".vtu", ".pvd", ".pvti", ".pvtr", ".vthb"],
+        "save it from ParaView as .vti, after the filter Resample To Image if its grid is not regular",
+    ),
+    (&[".mha", ".mhd"], "save it as .nrrd, for example with 3D Slicer or SimpleITK"),
+    (
+        &[".nc", ".nc4", ".h5", ".hdf5", ".hdf", ".zarr", ".mat"],
+        "save the field as .npy, for example with xarray or h5py",
+    ),
+    (&[".dcm", ".ima"], "save the series as .nrrd or .nii.gz, for example with 3D Slicer or dcm2niix"),
+    (&[".tif", ".tiff"], "save the stack as .npy, for example with tifffile"),
+    (&[".vdb"], "save a dense grid as .npy or .vti"),
+    (
+        &[".raw.gz", ".npy.gz", ".vti.gz", ".nrrd.gz", ".zip", ".tar", ".gz", ".bz2", ".xz", ".zst", ".7z"],
+        "unpack it first; .nii.gz, and .nrrd with its own compression, are read as they are",
+    ),
+];
+
+/// What to do with a file of a known format that is not read, by its name; `None` for any other.
+#[must_use]
+pub fn not_read(path: &Path) -> Option<&'static str> {
+    let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
+    let known = |extensions: &[&str]| extensions.iter().any(|e| name.len() > e.len() && name.ends_with(e));
+    NOT_READ.iter().find(|(extensions, _)| format_of(path).is_none() && known(extensions)).map(|(_, what)| *what)
+}
+
+/// Opens a volume file: reads its header, not its values. If it holds several arrays, the one that it marks as active is
+/// read, or the first.
 ///
 /// # Errors
 /// A missing file, an unknown extension, or an error of the format's reader.
 pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
-    match format_of(path) {
-        Some((Format::Raw, _)) => raw::open(path),
-        Some((Format::Npy, _)) => npy::open(path),
-        Some((Format::Nrrd, _)) => nrrd::open(path),
-        Some((Format::Vti, _)) => vti::open(path),
-        Some((Format::Nifti, _)) => nifti::open(path),
+    open_variable(path, None)
+}
+
+/// Like [`open`], with the name of the array to read.
+///
+/// # Errors
+/// As [`open`]; no such array, or a format whose files hold one field.
+pub fn open_variable(path: &Path, variable: Option<&str>) -> Result<Box<dyn VolumeFile>, VolumeError> {
+    let format = format_of(path).map(|(format, _)| format);
+    if let (Some(name), Some(_)) = (variable, format.filter(|f| *f != Format::Vti)) {
+        let problem = format!("{name:?} is requested, but such files hold one field without a name");
+        return Err(VolumeError::invalid(path, "--variable", problem, "omit it; it is for .vti"));
+    }
+    match format {
+        Some(Format::Raw) => raw::open(path),
+        Some(Format::Npy) => npy::open(path),
+        Some(Format::Nrrd) => nrrd::open(path),
+        Some(Format::Vti) => vti::open(path, variable),
+        Some(Format::Nifti) => nifti::open(path),
         None if !path.exists() => Err(VolumeError::invalid(
             path,
             "file",
             "does not exist",
             "name volume files, a folder, or a pattern in quotes",
         )),
-        None => Err(VolumeError::invalid(
-            path,
-            "extension",
-            "is not that of a supported volume format",
-            format!("supported are {READ}"),
-        )),
+        None => {
+            let hint = not_read(path).map_or_else(|| format!("supported are {READ}"), str::to_owned);
+            Err(VolumeError::invalid(path, "extension", "is not that of a supported volume format", hint))
+        }
     }
 }

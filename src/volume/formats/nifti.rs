@@ -33,10 +33,6 @@ const REWRITE: &str = "the file is damaged or truncated: copy or write it again"
 /// An unreadable file, one that is not a single-file NIfTI-1 image of real numbers, or one that claims more values
 /// than it can hold.
 pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
-    let name = path.to_string_lossy().to_ascii_lowercase();
-    if [".hdr", ".img", ".hdr.gz", ".img.gz"].iter().any(|e| name.ends_with(e)) {
-        return Err(VolumeError::invalid(path, "format", "a .hdr/.img pair is not supported", CONVERT));
-    }
     let io_error = |e| VolumeError::io(path, "read the file", e, "check the disk");
     let (mut file, file_len) = common::open_file(path)?;
     let mut magic = Vec::new();

@@ -61,8 +61,8 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
         return Err(bad("header", "lacks descr, fortran_order or shape".into(), again));
     };
     let (scalar, endian) = scalar_of(&descr).ok_or_else(|| {
-        let hint = "save it with .astype(\"float32\"); bool, 8 to 32-bit integers, float32 and float64 are supported";
-        bad("descr", format!("the type '{descr}' is not supported"), hint)
+        let (what, hint) = not_read(&descr);
+        bad("descr", format!("the type '{descr}'{what} is not supported"), hint)
     })?;
     let (dims, steps) = match axes[..] {
         [z, y, x] => ([x, y, z], 1),
@@ -131,6 +131,9 @@ fn scalar_of(descr: &str) -> Option<(ScalarType, Endian)> {
         "i2" => ScalarType::I16,
         "u4" => ScalarType::U32,
         "i4" => ScalarType::I32,
+        "u8" => ScalarType::U64,
+        "i8" => ScalarType::I64,
+        "f2" => ScalarType::F16,
         "f4" => ScalarType::F32,
         "f8" => ScalarType::F64,
         _ => return None,
@@ -140,6 +143,18 @@ fn scalar_of(descr: &str) -> Option<(ScalarType, Endian)> {
         ">" => Some((scalar, Endian::Big)),
         "|" if scalar.bytes() == 1 => Some((scalar, Endian::Little)),
         _ => None,
+    }
+}
+
+/// What a type that is not read is, and what to do.
+fn not_read(descr: &str) -> (&'static str, &'static str) {
+    match descr.trim_start_matches(['<', '>', '|', '=']).chars().next() {
+        Some('c') => (", complex numbers,", "save a real part: numpy.abs(a), a.real or a.imag"),
+        Some('f') => (", long double,", "save it with a.astype(\"float64\")"),
+        Some('O') => (", Python objects,", "save an array of numbers, as with numpy.array(a, dtype=\"float32\")"),
+        Some('U' | 'S' | 'a') => (", text,", "save an array of numbers, as with a.astype(\"float32\")"),
+        Some('M' | 'm') => (", dates or durations,", "save them as numbers, as with a.astype(\"int64\")"),
+        _ => ("", "save it with a.astype(\"float32\"); bool, integers, float16, float32 and float64 are supported"),
     }
 }
 
@@ -160,7 +175,7 @@ fn dictionary(text: &str) -> Result<Fields, String> {
         let value = after.trim_start().strip_prefix(':').ok_or_else(|| format!("has no value of {key}"))?.trim_start();
         let after = match key {
             "descr" => {
-                let (descr, after) = quoted(value).ok_or("describes a structured type, save one plain array")?;
+                let (descr, after) = quoted(value).ok_or_else(|| structured(value))?;
                 fields.descr = Some(descr.to_owned());
                 after
             }
@@ -190,6 +205,14 @@ fn dictionary(text: &str) -> Result<Fields, String> {
         };
     }
     Ok(fields)
+}
+
+/// The problem of a structured type, which is a list of fields: `[('rho', '<f4'), ('u', '<f4')]`.
+fn structured(list: &str) -> String {
+    let fields = list.split('(').skip(1).filter_map(quoted).map(|(name, _)| name);
+    let fields: Vec<&str> = fields.take(8).collect();
+    let first = fields.first().unwrap_or(&"rho");
+    format!("describes a structured type of the fields {}; save one of them, as in a[\"{first}\"]", fields.join(", "))
 }
 
 /// A quoted string at the start of `text`, and what follows it.

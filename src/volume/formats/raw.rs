@@ -47,7 +47,7 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let fields: RawSidecar = sidecar::read(&side)?;
     let scalar = common::scalar_from_name(&fields.scalar).ok_or_else(|| {
         let problem = format!("\"{}\" is not a scalar type", fields.scalar);
-        VolumeError::invalid(&side, "type", problem, "use u8, i8, u16, i16, u32, i32, f32 or f64")
+        VolumeError::invalid(&side, "type", problem, "use u8, i8, u16, i16, u32, i32, u64, i64, f16, f32 or f64")
     })?;
     let endian = match fields.endian.as_deref().map(str::to_ascii_lowercase).as_deref() {
         None | Some("little") => Endian::Little,

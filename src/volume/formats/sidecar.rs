@@ -1,14 +1,11 @@
 //! Small TOML or JSON files that lie beside a volume and supply what it does not hold itself.
 
-use super::common::open_file;
+use crate::files::read_settings;
 use crate::volume::error::VolumeError;
+use crate::words::plain;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use std::io::Read;
 use std::path::{Path, PathBuf};
-
-/// Maximum length of a sidecar; a longer file is something else.
-const MAX_BYTES: u64 = 1 << 20;
 
 /// The sidecar of a raw file.
 #[derive(Debug, Deserialize)]
@@ -68,23 +65,17 @@ pub fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
 /// # Errors
 /// Unreadable, too long, not TOML or JSON, an unknown field, or a wrong type.
 pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, VolumeError> {
-    let (file, len) = open_file(path)?;
-    if len > MAX_BYTES {
-        let problem = format!("{len} bytes is too long for a sidecar");
-        return Err(VolumeError::invalid(path, "sidecar", problem, "it should hold a few lines"));
-    }
-    let mut text = String::new();
-    file.take(MAX_BYTES)
-        .read_to_string(&mut text)
-        .map_err(|e| VolumeError::io(path, "read the sidecar", e, "it must be UTF-8 text"))?;
+    let text = read_settings(path)
+        .map_err(|e| VolumeError::io(path, "read the sidecar", e, "it should be a text of a few lines"))?;
     let json = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
     let parsed = if json {
-        serde_json::from_str(&text).map_err(|e| e.to_string())
+        serde_json::from_str(&text).map_err(|e| plain(&e.to_string()))
     } else {
         crate::nesting::check_toml(&text).and_then(|()| {
             toml::from_str(&text).map_err(|e: toml::de::Error| {
                 let line = e.span().map(|s| 1 + text.bytes().take(s.start).filter(|&b| b == b'\n').count());
-                line.map_or_else(|| e.message().to_owned(), |n| format!("line {n}: {}", e.message()))
+                let message = plain(e.message());
+                line.map_or_else(|| message.clone(), |n| format!("line {n}: {message}"))
             })
         })
     };

@@ -3,6 +3,7 @@
 
 use crate::volume::error::VolumeError;
 use crate::volume::grid::ScalarType;
+use half::f16;
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 
@@ -65,6 +66,14 @@ fn append(bytes: &[u8], kind: ScalarType, big: bool, scale: Option<(f64, f64)>, 
         ScalarType::I32 => convert!(i32),
         ScalarType::U64 => convert!(u64),
         ScalarType::I64 => convert!(i64),
+        ScalarType::F16 => {
+            let word = |w: [u8; 2]| if big { f16::from_be_bytes(w) } else { f16::from_le_bytes(w) };
+            let values = bytes.as_chunks::<2>().0.iter().map(|w| word(*w).to_f32());
+            match scale {
+                Some((slope, inter)) => out.extend(values.map(|v| (f64::from(v) * slope + inter) as f32)),
+                None => out.extend(values),
+            }
+        }
         ScalarType::F32 => convert!(f32),
         ScalarType::F64 => convert!(f64),
     }
@@ -115,6 +124,7 @@ mod tests {
         assert_eq!(read(&(-7i32).to_le_bytes(), ScalarType::I32, false, None), [-7.0]);
         assert_eq!(read(&(1u64 << 40).to_le_bytes(), ScalarType::U64, false, None), [(1u64 << 40) as f32]);
         assert_eq!(read(&(-9i64).to_be_bytes(), ScalarType::I64, true, None), [-9.0]);
+        assert_eq!(read(&f16::from_f32(0.75).to_be_bytes(), ScalarType::F16, true, Some((2.0, 1.0))), [2.5]);
         assert_eq!(read(&1.5f32.to_be_bytes(), ScalarType::F32, true, None), [1.5]);
         assert_eq!(read(&2.5f64.to_le_bytes(), ScalarType::F64, false, Some((2.0, 1.0))), [6.0]);
     }

@@ -41,6 +41,7 @@ pub fn stored(scalar: ScalarType, endian: Endian, values: &[u8]) -> Vec<u8> {
             ScalarType::U16 | ScalarType::I16 => u16::from(v).to_le_bytes().to_vec(),
             ScalarType::U32 | ScalarType::I32 => u32::from(v).to_le_bytes().to_vec(),
             ScalarType::F32 => f32::from(v).to_le_bytes().to_vec(),
+            ScalarType::F16 => half::f16::from_f32(f32::from(v)).to_le_bytes().to_vec(),
             ScalarType::U64 => (v as u64).to_le_bytes().to_vec(),
             ScalarType::I64 => (v as i64).to_le_bytes().to_vec(),
             ScalarType::F64 => f64::from(v).to_le_bytes().to_vec(),
@@ -54,8 +55,8 @@ pub fn stored(scalar: ScalarType, endian: Endian, values: &[u8]) -> Vec<u8> {
 }
 
 pub fn scalars() -> impl Strategy<Value = ScalarType> {
-    use ScalarType::{F32, F64, I8, I16, I32, U8, U16, U32};
-    prop::sample::select(vec![U8, I8, U16, I16, U32, I32, F32, F64])
+    use ScalarType::{F16, F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
+    prop::sample::select(vec![U8, I8, U16, I16, U32, I32, U64, I64, F16, F32, F64])
 }
 
 pub fn endians() -> impl Strategy<Value = Endian> {
@@ -85,7 +86,23 @@ fn unknown_extension_lists_supported_formats() {
     assert!(refused(&path).contains("does not exist"));
     std::fs::write(&path, []).unwrap();
     let message = refused(&path);
-    assert!(message.contains(".nrrd") && message.contains(".nii.gz"), "{message}");
+    assert!(message.contains("save the stack as .npy"), "{message}");
+    for (name, hint) in [
+        ("a.xyz", ".nrrd, .nhdr, .npy"),
+        ("a.npz", "numpy.save(\"rho.npy\", archive[\"rho\"])"),
+        ("a.HDR", "a .hdr/.img pair: convert it to one .nii"),
+        ("a.img", "convert it to one .nii"),
+        ("a.IMG.gz", "convert it to one .nii"),
+        ("a.mhd", "save it as .nrrd"),
+        ("a.vtk", "save it from ParaView as .vti"),
+        ("a.raw.gz", "unpack it first"),
+    ] {
+        let path = d.path().join(name);
+        std::fs::write(&path, []).unwrap();
+        let message = refused(&path);
+        assert!(message.contains(hint) && message.contains(name), "{message}");
+    }
+    assert_eq!((not_read(Path::new("a.nii.gz")), not_read(Path::new("a.nrrd"))), (None, None));
     assert_eq!(format_of(Path::new("A.NII.GZ")), Some((Format::Nifti, 7)));
     assert_eq!(format_of(Path::new(".raw")), None);
 }
@@ -137,7 +154,7 @@ fn raw_errors() {
         ),
         ("dims=[2,2,1]\ntype='u8'", "expected 4 bytes"),
         ("dims=[2,2]\ntype='u8'", "2 entries"),
-        ("dims=[2,2,2]\ntype='u64'", "\"u64\" is not a scalar type"),
+        ("dims=[2,2,2]\ntype='u128'", "\"u128\" is not a scalar type"),
         ("dims=[2,2,2]\ntype='u8'\nendian='middle'", "endian"),
         ("dims=[2,2,2]\ntype='u8'\nspacing=[0,1,1]", "spacing"),
         ("dims=[2,2,2]\ntype='u8'\norigin=[nan,1,1]", "origin"),
@@ -200,14 +217,22 @@ fn npy_errors() {
     deep.extend(vec![b'['; 60000]);
     let mut long = b"\x93NUMPY\x02\x00".to_vec();
     long.extend(u32::MAX.to_le_bytes());
+    let structured = npy("x", "False", "1,1,1", &[]);
+    let structured = String::from_utf8_lossy(&structured[10..]).replace("'x'", "[('rho', '<f4'), ('u', '<f4')]");
+    let structured =
+        [b"\x93NUMPY\x01\x00", &(structured.len() as u16).to_le_bytes()[..], structured.as_bytes()].concat();
     for (bytes, want) in [
         (b"not an array".to_vec(), "magic"),
         (b"\x93NUMPY\x09\x00aaaa".to_vec(), "version"),
         (b"\x93NUMPY\x01\x00\xff".to_vec(), "header"),
         (long, "claims 4294967295 bytes"),
         (deep, "not a dictionary"),
-        (npy("<i8", "False", "1,1,1", &[0; 8]), "astype"),
-        (npy("<c8", "False", "1,1,1", &[0; 8]), "astype"),
+        (npy("<c8", "False", "1,1,1", &[0; 8]), "'<c8', complex numbers, is not supported; save a real part"),
+        (npy("<f16", "False", "1,1,1", &[0; 16]), "long double, is not supported; save it with a.astype(\"float64\")"),
+        (npy("|O", "False", "1,1,1", &[0; 8]), "Python objects"),
+        (npy("<U4", "False", "1,1,1", &[0; 16]), "text"),
+        (npy("<M8[s]", "False", "1,1,1", &[0; 8]), "as with a.astype(\"int64\")"),
+        (structured, "of the fields rho, u; save one of them, as in a[\"rho\"]"),
         (npy("", "False", "1,1,1", &[0; 8]), "is not supported"),
         (npy("|u1", "False", "4, 4", &[0; 16]), "2 axes"),
         (npy("|u1", "Maybe", "1,1,1", &[0; 1]), "fortran_order"),
@@ -221,6 +246,30 @@ fn npy_errors() {
         write(&p, bytes).unwrap();
         assert!(refused(&p).contains(want), "{want}: {}", refused(&p));
     }
+}
+
+#[test]
+fn byte_order_marks_are_no_part_of_sidecars_and_headers() {
+    let d = dir();
+    let json = r#"{"dims": [2, 1, 1], "type": "u8"}"#;
+    for (name, text) in [("a.raw.json", json), ("a.raw.toml", "dims = [2, 1, 1]\r\ntype = 'u8'\r\n")] {
+        let path = raw(&d, &[7, 9], "");
+        std::fs::remove_file(d.path().join("a.raw.toml")).unwrap();
+        for bytes in [
+            [b"\xef\xbb\xbf", text.as_bytes()].concat(),
+            std::iter::once(0xfeff).chain(text.encode_utf16()).flat_map(u16::to_le_bytes).collect(),
+        ] {
+            write(d.path().join(name), bytes).unwrap();
+            assert_eq!(all(&path), [[7.0, 9.0]], "{name}");
+        }
+        write(d.path().join(name), text.replace("[2, 1, 1]", "{}")).unwrap();
+        let message = refused(&path);
+        assert!(!message.contains("u64") && !message.contains("sequence"), "{message}");
+        std::fs::remove_file(d.path().join(name)).unwrap();
+    }
+    let head = "\u{feff}NRRD0004\ntype: uchar\ndimension: 3\nsizes: 2 1 1\nencoding: raw\ndata file: a.raw\n";
+    write(d.path().join("b.nhdr"), head).unwrap();
+    assert_eq!(all(&d.path().join("b.nhdr")), [[7.0, 9.0]]);
 }
 
 /// Opens and reads arbitrary content; it only has to return.

@@ -14,28 +14,38 @@ use super::stream::read_error;
 use crate::memory::Budget;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::Grid;
-use crate::volume::source::{Header, Physical, VolumeFile};
+use crate::volume::source::{Header, Physical, Variable, VolumeFile};
 use data::{Encoding, Layout, Packing};
 use glam::DVec3;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 use xml::{Array, Document, Section};
 
-/// Opens a `.vti` file and reads its markup; the values stay on disk.
+/// Opens a `.vti` file and reads its markup; the values stay on disk. The array is the one called `variable`, or else
+/// the active one, or else the first, of those with one component.
 ///
 /// # Errors
-/// An unreadable file, one that is not serial VTK image data of one piece, one without a one-component array, one
-/// that claims more values than it can hold, or an unknown type or compressor.
-pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
+/// An unreadable file, one that is not serial VTK image data of one piece, one without such an array, one that claims
+/// more values than it can hold, or an unknown type or compressor.
+pub fn open(path: &Path, variable: Option<&str>) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let (file, file_len) = common::open_file(path)?;
     check_inline(path, file_len)?;
     let doc = xml::parse(path, BufReader::new(file))?;
     let mut notes = Vec::new();
-    let (array, cells) = choose(path, &doc, &mut notes)?;
+    let (array, cells) = match variable {
+        Some(name) => named(path, &doc, name)?,
+        None => choose(path, &doc, &mut notes)?,
+    };
+    if cells {
+        notes.push("values are on cells: the grid is one smaller, at the cell centres".to_owned());
+    }
     let grid = grid(path, &doc, cells, &mut notes)?;
     let layout = layout(path, &doc, array, grid.dims, file_len)?;
     let header = Header { grid, scalar: layout.kind, steps: 1, physical: Physical::default(), notes };
-    Ok(Box::new(Vti { path: path.to_owned(), header, layout, field: field_name(array) }))
+    let variable = array.name.clone();
+    let of = |a: &Array| Variable { name: a.name.clone(), components: a.components };
+    let variables = doc.point.arrays.iter().chain(&doc.cell.arrays).map(of).collect();
+    Ok(Box::new(Vti { path: path.to_owned(), header, layout, variable, variables }))
 }
 
 /// Rejects a file whose values lie between its tags and do not fit into memory: the text of a tag is held whole.
@@ -58,12 +68,21 @@ struct Vti {
     path: PathBuf,
     header: Header,
     layout: Layout,
-    field: String,
+    variable: String,
+    variables: Vec<Variable>,
 }
 
 impl VolumeFile for Vti {
     fn header(&self) -> &Header {
         &self.header
+    }
+
+    fn variable(&self) -> Option<&str> {
+        Some(&self.variable)
+    }
+
+    fn variables(&self) -> &[Variable] {
+        &self.variables
     }
 
     fn read(&self, step: usize, out: &mut Vec<f32>) -> Result<(), VolumeError> {
@@ -78,12 +97,39 @@ impl VolumeFile for Vti {
         }
         let (file, _) = common::open_file(&self.path)?;
         common::reserve(&self.path, out, self.layout.count)?;
-        data::read(file, &self.layout, out).map_err(|e| read_error(&self.path, &self.field, e))
+        data::read(file, &self.layout, out).map_err(|e| read_error(&self.path, &field_name(&self.variable), e))
     }
 }
 
-fn field_name(array: &Array) -> String {
-    format!("DataArray \"{}\"", array.name)
+fn field_name(variable: &str) -> String {
+    format!("DataArray \"{variable}\"")
+}
+
+/// The array of this name, that on points before that on cells, and whether its values are on cells.
+fn named<'a>(path: &Path, doc: &'a Document, name: &str) -> Result<(&'a Array, bool), VolumeError> {
+    let find = |section: &'a Section| section.arrays.iter().find(|a| a.name == name);
+    let Some((array, cells)) = find(&doc.point).map(|a| (a, false)).or_else(|| find(&doc.cell).map(|a| (a, true)))
+    else {
+        let problem = format!("there is no array {name:?} among {}", listed(doc));
+        let hint = "choose one that every file has with --variable NAME, or leave this file out";
+        return Err(VolumeError::invalid(path, "PointData", problem, hint));
+    };
+    if array.components != 1 {
+        let problem = format!("has {} components, but a field has one", array.components);
+        let hint = "save one component or the magnitude as an array of its own, for example with ParaView's Calculator";
+        return Err(VolumeError::invalid(path, field_name(name), problem, hint));
+    }
+    Ok((array, cells))
+}
+
+/// All arrays, for messages.
+fn listed(doc: &Document) -> String {
+    let all = doc.point.arrays.iter().chain(&doc.cell.arrays);
+    let words = |a: &Array| match a.components {
+        1 => a.name.clone(),
+        n => format!("{} ({n} components)", a.name),
+    };
+    all.map(words).collect::<Vec<_>>().join(", ")
 }
 
 /// The array to read, and whether its values are on cells.
@@ -92,16 +138,13 @@ fn choose<'a>(path: &Path, doc: &'a Document, notes: &mut Vec<String>) -> Result
         return Ok((array, false));
     }
     if let Some(array) = choose_in(&doc.cell, "CellData", notes) {
-        notes.push("values are on cells: the grid is one smaller, at the cell centres".to_owned());
         return Ok((array, true));
     }
     let hint = "write an array with one component into PointData";
-    let all: Vec<_> = doc.point.arrays.iter().chain(&doc.cell.arrays).collect();
-    if all.is_empty() {
+    if doc.point.arrays.is_empty() && doc.cell.arrays.is_empty() {
         return Err(VolumeError::invalid(path, "PointData", "holds no DataArray", hint));
     }
-    let names: Vec<_> = all.iter().map(|a| format!("{} ({} components)", a.name, a.components)).collect();
-    Err(VolumeError::invalid(path, "PointData", format!("no one-component array among {}", names.join(", ")), hint))
+    Err(VolumeError::invalid(path, "PointData", format!("no one-component array among {}", listed(doc)), hint))
 }
 
 /// The active one-component array of a section, else the first one, with notes on what was skipped.
@@ -121,7 +164,11 @@ fn choose_in<'a>(section: &'a Section, place: &str, notes: &mut Vec<String>) -> 
     let (first, rest) = scalars.split_first()?;
     if !rest.is_empty() {
         let others: Vec<_> = rest.iter().map(|a| a.name.as_str()).collect();
-        notes.push(format!("read the first array \"{}\" of {place}; not read: {}", first.name, others.join(", ")));
+        notes.push(format!(
+            "read the first array \"{}\" of {place}; not read: {}; choose with --variable NAME",
+            first.name,
+            others.join(", ")
+        ));
     }
     Some(first)
 }
@@ -171,7 +218,7 @@ fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Re
 
 /// The location of the values, once the claimed size is known to fit the file.
 fn layout(path: &Path, doc: &Document, array: &Array, dims: [usize; 3], file_len: u64) -> Result<Layout, VolumeError> {
-    let field = field_name(array);
+    let field = field_name(&array.name);
     let bad = |problem: String, hint: &str| VolumeError::invalid(path, field.clone(), problem, hint);
     let kind = xml::kind(&array.kind)
         .ok_or_else(|| bad(format!("unknown type \"{}\"", array.kind), "use Int8 to UInt64, Float32 or Float64"))?;

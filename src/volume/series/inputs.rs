@@ -2,7 +2,7 @@
 //! the numbers in names. No file is opened here.
 
 use super::SeriesOptions;
-use super::names::{self, Names};
+use super::names::{self, Missing, Names};
 use crate::volume::error::VolumeError;
 use crate::volume::formats::{self, Format, format_of};
 use std::collections::HashMap;
@@ -97,48 +97,89 @@ fn stem(file: &Path) -> String {
     text
 }
 
-/// Checks that the numbers in the names of the `files` that `inputs` named increase and, unless gaps are allowed or
-/// times given, that no step is missing, which decimal numbers and dates do not show. Files listed one by one with their
-/// times are in order as listed. Returns whether there are gaps.
+/// What the names of a series tell.
+#[derive(Debug, Default)]
+pub struct Told {
+    /// Whether steps are missing.
+    pub gaps: bool,
+    /// The time of each file in seconds, where dates give them.
+    pub seconds: Option<Vec<f64>>,
+    /// What the user should know.
+    pub notes: Vec<String>,
+}
+
+/// Checks that the numbers in the names of the `files` that `inputs` named increase, those on the left first, and,
+/// unless gaps are allowed or times given, that no step is missing, which decimal numbers and dates do not show. Files
+/// listed one by one are in order as listed, if their numbers can be read so or their times are given.
 ///
 /// # Errors
 /// Files out of order or of unclear order, files of several series, or a missing step.
-pub fn check_order(inputs: &[String], files: &[PathBuf], options: &SeriesOptions) -> Result<bool, VolumeError> {
+pub fn check_order(inputs: &[String], files: &[PathBuf], options: &SeriesOptions) -> Result<Told, VolumeError> {
     // each input names at least one file
-    if options.times.is_some() && files.len() == inputs.len() {
-        return Ok(false);
+    let listed = files.len() == inputs.len();
+    if options.times.is_some() && listed {
+        return Ok(Told::default());
     }
     let stems: Vec<String> = files.iter().map(|f| stem(f)).collect();
-    let names = Names::of(&stems);
-    if let Some([a, b]) = names.unclear {
-        let problem = format!(
-            "the order is unclear: {} comes after {} if their numbers are decimal, and before it if they are steps",
-            files[a].display(),
-            files[b].display()
-        );
-        let hint = "list the files in order of time with the time of each (--time-values), or pad the numbers with \
-                    zeros to one length";
-        return Err(VolumeError::invalid(&files[a], "inputs", problem, hint));
+    let mut names = Names::of(&stems);
+    if let Some([a, b]) = names.unclear
+        && !(listed && names.first_unsorted().is_none())
+    {
+        let whole = Some(Names::whole(&stems)).filter(|whole| listed && whole.first_unsorted().is_none());
+        names = whole.ok_or_else(|| {
+            let problem = format!(
+                "the order is unclear: {} comes after {} if their numbers are decimal, and before it if they are steps",
+                files[a].display(),
+                files[b].display()
+            );
+            let hint = "list the files one by one in order of time, with the time of each (--time-values) if these are \
+                        not evenly spaced, or pad the numbers with zeros to one length";
+            VolumeError::invalid(&files[a], "inputs", problem, hint)
+        })?;
     }
     if let Some(i) = names.first_unsorted() {
         let problem = format!("unsorted: its {} {} follows {}", names.kind(i), names.written(i), names.written(i - 1));
         let problem = format!("{problem} of {}", files[i - 1].display());
-        let hint = "name the files of one series in order of time, or give the folder or a pattern in quotes (\"t*.nrrd\"), \
-                    which sorts t2 before t10";
+        let hint = if listed {
+            "list the files in order of time, give the time of each (--time-values), or give their folder or a pattern \
+             in quotes (\"t*.nrrd\"), which sorts t2 before t10"
+        } else {
+            "these are several series, or a step is there twice: give a pattern that matches one series, or list the \
+             files one by one with the time of each (--time-values)"
+        };
         return Err(VolumeError::invalid(&files[i], "inputs", problem, hint));
     }
-    let Some(steps) = names.steps().filter(|n| n.len() > 1) else { return Ok(false) };
-    let step = |i: usize| steps[i].value - steps[i - 1].value;
-    let stride = (1..steps.len()).map(step).min().unwrap_or(1);
-    let Some(i) = (1..steps.len()).find(|&i| step(i) != stride) else { return Ok(false) };
-    if options.allow_gaps || options.times.is_some() {
-        return Ok(true);
+    let mut told =
+        Told { seconds: names.seconds().map(|all| all.iter().map(|&s| s as f64).collect()), ..Told::default() };
+    let again = names.begins_again();
+    if let Some((i, folder)) = again {
+        let problem = format!("its {} {} follows {}", names.kind(i), names.written(i), names.written(i - 1));
+        if folder && !listed {
+            let problem = format!("the steps begin again: {problem} in another folder");
+            let hint = "give one folder; or, if one series goes on in the next folder, list the files one by one";
+            return Err(VolumeError::invalid(&files[i], "inputs", problem, hint));
+        }
+        let files = files[i].display();
+        told.notes.push(format!("{files}: {problem}: taken for one series that goes on, not for several"));
     }
-    let before = &steps[i - 1];
-    let path = files[i - 1].to_string_lossy();
-    let (head, tail) = (&path[..before.at], &path[before.at + before.width..]);
-    let missing = PathBuf::from(format!("{head}{:0width$}{tail}", before.value + stride, width = before.width));
-    let problem = format!("this step is missing between {} and {}", files[i - 1].display(), files[i].display());
+    if options.times.is_none() {
+        if names.seconds().is_some() && files.len() > 1 {
+            let (first, last) = (names.written(0), names.written(files.len() - 1));
+            told.notes.push(format!("the times of the steps are the dates in their names, {first} to {last}"));
+        }
+        if names.are_uneven() {
+            let problem = "the numbers in the names are not evenly spaced, but the steps are taken to be";
+            told.notes.push(format!("{problem}; give the time of each with --time-values"));
+        }
+    }
+    let Some(Missing { after, at, number }) = names.missing() else { return Ok(told) };
+    if options.allow_gaps || options.times.is_some() {
+        told.gaps = true;
+        return Ok(told);
+    }
+    let path = files[after].to_string_lossy();
+    let missing = PathBuf::from(format!("{}{number}{}", &path[..at.start], &path[at.end..]));
+    let problem = format!("this step is missing between {} and {}", files[after].display(), files[after + 1].display());
     let hint = "add the file, give each step its time (--time-values), or pass --allow-gaps";
     Err(VolumeError::invalid(&missing, "inputs", problem, hint))
 }

@@ -1,4 +1,5 @@
 use super::*;
+use proptest::prelude::*;
 
 fn sorted(names: &[&str]) -> Vec<String> {
     let stems: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
@@ -50,7 +51,13 @@ fn check_order(right: &[&str], steps: bool) {
     assert_eq!(sorted(&names), right);
     assert_eq!((unsorted(right), unclear(right)), (None, None), "{right:?}");
     let stems: Vec<String> = right.iter().map(|n| (*n).to_owned()).collect();
-    assert_eq!(Names::of(&stems).steps().is_some(), steps, "{right:?}");
+    // the number of each name is whole, so that a gap would show
+    assert_eq!((0..right.len()).all(|i| last(&Names::of(&stems), i).is_some()), steps, "{right:?}");
+}
+
+/// The whole number that orders name `i`, the last of several.
+fn last(names: &Names<'_>, i: usize) -> Option<i128> {
+    names.numbers(i).last().and_then(Piece::whole).map(|(value, _)| value)
 }
 
 #[test]
@@ -102,23 +109,132 @@ fn names_out_of_order_are_reported_as_written() {
     assert_eq!(unsorted(&["t0.5", "t0.25"]).unwrap(), "number 0.25");
     assert_eq!(unsorted(&["2020-02-01", "2020-01-31"]).unwrap(), "date 2020-01-31");
     assert_eq!(unsorted(&["t10", "t9"]).unwrap(), "number 9");
-    // two series in two folders: the last number that varies begins again
-    assert_eq!(unsorted(&["run1/t0", "run1/t1", "run2/t0"]).unwrap(), "number 0");
-    assert_eq!(unsorted(&["a-1-1", "a-1-2", "a-2-1"]).unwrap(), "number 1");
+    assert_eq!(unsorted(&["a-1-2", "a-2-1", "a-1-1"]).unwrap(), "numbers 1-1");
+    assert_eq!(unsorted(&["t1e-2", "t1e-3"]).unwrap(), "number 1e-3");
+    assert_eq!(unsorted(&["t-1", "t0", "t-2"]).unwrap(), "number -2");
+    assert_eq!(unsorted(&["d_20240201_0000", "d_20240131_2359"]).unwrap(), "date 20240131_2359");
+    // the same step twice
+    assert_eq!(unsorted(&["t1", "t01"]).unwrap(), "number 01");
 }
 
 #[test]
-fn steps_are_whole_numbers_alone() {
-    let steps = |names: &[&str]| {
+fn names_with_several_numbers_come_in_order_of_all_of_them() {
+    for right in [
+        &["sim_20240131_235900", "sim_20240201_000000", "sim_20240201_000100"][..],
+        &["2024-01-31T23:59", "2024-02-01T00:00"],
+        &["wrfout_d01_2024-01-31_23:59:00", "wrfout_d01_2024-02-01_00:00:00"],
+        &["cycle01_step98", "cycle01_step99", "cycle02_step00", "cycle02_step01"],
+        &["cycle9_step9", "cycle9_step10", "cycle10_step1"],
+        &["run1_t0001", "run1_t0002", "run2_t0001", "run2_t0002"],
+        &["10h58m", "10h59m", "11h00m"],
+        &["t1e-3", "t2e-3", "t1e-2"],
+        &["t9.5e-1", "t1.0e+0", "t1.05e0"],
+        &["t-10", "t-2", "t-1", "t0", "t1"],
+        &["t-0.5", "t-0.25", "t+0.0", "t0.75"],
+        &["202401312359", "202402010000"],
+        &["p000_of_100", "p050_of_100", "p100_of_100"],
+        &["t0s900ms", "t1s000ms", "t1s100ms"],
+        &["20240131-235900", "20240201-000000"],
+        &["run2_t0009", "run2_t0010"],
+        &["v1.2_t9", "v1.2_t10"],
+        &["s01e09", "s01e10", "s02e01"],
+        &["t-1", "t-2", "t-10"],
+        &["t1", "t02", "t003", "t10"],
+    ] {
+        let mut names = right.to_vec();
+        names.reverse();
+        assert_eq!(sorted(&names), right);
+        assert_eq!((unsorted(right), unclear(right)), (None, None), "{right:?}");
+    }
+}
+
+#[test]
+fn numbers_that_begin_again_are_known() {
+    let again = |names: &[&str]| {
         let stems: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
-        Names::of(&stems).steps().map(|s| s.iter().map(|s| (s.value, s.at, s.width)).collect::<Vec<_>>())
+        Names::of(&stems).begins_again()
     };
-    assert_eq!(steps(&["t08", "t10"]), Some(vec![(8, 1, 2), (10, 1, 2)]));
-    assert_eq!(steps(&["t0.5", "t0.25"]), None);
-    assert_eq!(steps(&["2020-01-31", "2020-02-01"]), None);
-    assert_eq!(steps(&["a", "b"]), None);
-    assert_eq!(steps(&["t1", "t99999999999999999999"]), None);
-    assert_eq!(steps(&[]), None);
+    assert_eq!(again(&["cycle1_8", "cycle1_9", "cycle2_0"]), Some((2, false)));
+    assert_eq!(again(&["run1/t0", "run1/t1", "run2/t0"]), Some((2, true)));
+    assert_eq!(again(&["run1/t0", "run1/t1", "run2/t2"]), None);
+    assert_eq!(again(&["20240131_235900", "20240201_000000"]), None);
+    assert_eq!(again(&["t1", "t2"]), None);
+}
+
+#[test]
+fn missing_steps_are_found_where_numbers_are_whole() {
+    let missing = |names: &[&str]| {
+        let stems: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
+        Names::of(&stems).missing().map(|m| (m.after, m.at, m.number))
+    };
+    assert_eq!(missing(&["t08", "t10", "t11"]), Some((0, 1..3, "09".to_owned())));
+    assert_eq!(missing(&["t-3", "t-2", "t0", "t1"]), Some((1, 1..3, "-1".to_owned())));
+    assert_eq!(missing(&["t-1", "t1", "t2"]), Some((0, 1..3, "0".to_owned())));
+    assert_eq!(missing(&["c1_8", "c1_9", "c2_0", "c2_1"]), None);
+    assert_eq!(missing(&["c1_7", "c1_9", "c2_0", "c2_1"]), Some((0, 3..4, "8".to_owned())));
+    assert_eq!(missing(&["s1_125", "s2_250", "s4_500"]), Some((1, 3..6, "375".to_owned())));
+    for none in [
+        &["t0.25", "t0.5", "t1.5"][..],
+        &["2020-01-31", "2020-02-01", "2020-02-09"],
+        &["20240131", "20240201", "20240207"],
+        &["e202411", "e202412", "e202501"],
+        &["a", "b"],
+        &["t1", "t99999999999999999999", "t99999999999999999999999"],
+        &[],
+    ] {
+        assert_eq!(missing(none), None, "{none:?}");
+    }
+}
+
+proptest! {
+    /// Any numbers of any widths, between any texts: names are in the order of their tuples, whichever order they are
+    /// given in, and lists in this order alone are in order.
+    #[test]
+    fn tuples_order_names(
+        mut tuples in prop::collection::btree_set(prop::collection::vec(0u32..200, 3), 2..12),
+        widths in prop::collection::vec(0usize..5, 3), texts in prop::collection::vec("[a-d]{1,3}[_-]?", 3),
+        seed in any::<u64>(),
+    ) {
+        // the number of the second differs in none: a constant among them
+        tuples = tuples.into_iter().map(|t| vec![t[0] % 3, 7, t[2]]).collect();
+        let name = |t: &Vec<u32>| -> String {
+            (0..3).map(|i| format!("{}{:0width$}", texts[i], t[i], width = widths[i])).collect()
+        };
+        let right: Vec<String> = tuples.iter().map(name).collect();
+        let mut given = right.clone();
+        let mut state = seed;
+        for i in (1..given.len()).rev() {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            given.swap(i, (state >> 33) as usize % (i + 1));
+        }
+        let found: Vec<String> = order(&given).into_iter().map(|i| given[i].clone()).collect();
+        prop_assert_eq!(&found, &right);
+        prop_assert_eq!(Names::of(&right).first_unsorted(), None);
+        prop_assert_eq!(Names::of(&given).first_unsorted().is_none(), given == right);
+    }
+
+    /// Numbers with signs, points and exponents are in order of their values.
+    #[test]
+    fn values_order_names(mut values in prop::collection::vec((-999i32..1000, -9i32..9), 2..9)) {
+        let value = |(m, e): &(i32, i32)| f64::from(*m) * 10f64.powi(*e);
+        // in every second name a point
+        let name = |(i, (m, e)): (usize, &(i32, i32))| {
+            let digits = format!("{:03}", m.unsigned_abs());
+            let sign = if *m < 0 { "-" } else { "" };
+            let (point, e) = if i % 2 == 0 { (format!("{}.{}", &digits[..1], &digits[1..]), e + 2) } else { (digits, *e) };
+            format!("t{sign}{point}e{e:+03}")
+        };
+        values.sort_by(|a, b| value(a).total_cmp(&value(b)));
+        values.dedup_by(|a, b| (value(a) - value(b)).abs() <= 1e-12 * value(a).abs());
+        // signs are signs only where they differ
+        prop_assume!(values.iter().any(|v| v.0 < 0) && values.iter().any(|v| v.0 >= 0));
+        let right: Vec<String> = values.iter().enumerate().map(name).collect();
+        let mut given = right.clone();
+        given.reverse();
+        let found: Vec<String> = order(&given).into_iter().map(|i| given[i].clone()).collect();
+        prop_assert_eq!(&found, &right);
+        prop_assert_eq!(Names::of(&right).first_unsorted(), None);
+    }
 }
 
 #[test]
@@ -140,6 +256,7 @@ fn any_names_are_put_in_an_order_and_found_in_it() {
         if let Some(i) = found.first_unsorted() {
             assert!(!found.written(i).is_empty());
         }
-        found.steps();
+        let _ = (found.missing(), found.begins_again(), found.are_uneven(), found.seconds());
+        let _ = Names::whole(&names).first_unsorted();
     }
 }

@@ -4,7 +4,7 @@ use super::*;
 use std::fs::write;
 use tempfile::TempDir;
 
-fn one(folder: &TempDir, name: &str, values: &[f32; 2]) -> String {
+pub fn one(folder: &TempDir, name: &str, values: &[f32; 2]) -> String {
     with(folder, name, "2 1 1", "1 1 1", values)
 }
 
@@ -19,19 +19,19 @@ fn with(folder: &TempDir, name: &str, sizes: &str, spacings: &str, values: &[f32
     path.to_string_lossy().into_owned()
 }
 
-fn dir() -> TempDir {
+pub fn dir() -> TempDir {
     tempfile::tempdir().unwrap()
 }
 
-fn open(inputs: &[String]) -> Result<Series, VolumeError> {
+pub fn open(inputs: &[String]) -> Result<Series, VolumeError> {
     Series::open(inputs, &SeriesOptions::default())
 }
 
-fn refused(inputs: &[String]) -> String {
+pub fn refused(inputs: &[String]) -> String {
     open(inputs).map(|s| s.len()).unwrap_err().to_string()
 }
 
-fn here(folder: &TempDir, name: &str) -> String {
+pub fn here(folder: &TempDir, name: &str) -> String {
     folder.path().join(name).to_string_lossy().into_owned()
 }
 
@@ -104,16 +104,22 @@ fn names_of_unclear_order_are_refused_unless_listed_with_times() {
     let files = [1, 2, 3, 11, 12].map(|k| one(&d, &format!("sim1.{k}.nrrd"), &[k as f32, 0.0]));
     let times = SeriesOptions { times: Some(vec![1.0, 2.0, 3.0, 11.0, 12.0]), ..Default::default() };
     let gaps = SeriesOptions { allow_gaps: true, ..Default::default() };
-    for (inputs, options) in [
-        (&[here(&d, "")][..], &SeriesOptions::default()),
-        (&[here(&d, "")], &times),
-        (&[here(&d, "sim*")], &gaps),
-        (&files, &SeriesOptions::default()),
-    ] {
+    for (inputs, options) in
+        [(&[here(&d, "")][..], &SeriesOptions::default()), (&[here(&d, "")], &times), (&[here(&d, "sim*")], &gaps)]
+    {
         let message = Series::open(inputs, options).map(|s| s.len()).unwrap_err().to_string();
         assert!(message.contains("the order is unclear") && message.contains("--time-values"), "{message}");
         assert!(message.contains("sim1.3.nrrd comes after") && message.contains("sim1.11.nrrd"), "{message}");
     }
+    // a list tells which they are
+    assert!(refused(&files).contains("sim1.4.nrrd: inputs: this step is missing"), "{}", refused(&files));
+    let decimal = [0, 3, 4, 1, 2].map(|i| files[i].clone());
+    for list in [&files, &decimal] {
+        let s = Series::open(list, &gaps).unwrap();
+        assert!((0..5).all(|k| list[k].ends_with(&s.name(k))));
+    }
+    let neither = [0, 4, 3, 1, 2].map(|i| files[i].clone());
+    assert!(refused(&neither).contains("the order is unclear"));
     let s = Series::open(&files, &times).unwrap();
     assert_eq!((s.name(2), s.name(3), s.time(3)), ("sim1.3.nrrd".into(), "sim1.11.nrrd".into(), 10.0 / 11.0));
 }

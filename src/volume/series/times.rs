@@ -5,6 +5,9 @@ use crate::volume::error::VolumeError;
 use crate::volume::source::{Physical, VOXELS};
 use std::path::Path;
 
+/// The unit of times that dates give.
+const SECONDS: &str = "s";
+
 /// The times of all steps.
 #[derive(Debug)]
 pub(super) struct Times {
@@ -17,18 +20,30 @@ pub(super) struct Times {
 }
 
 impl Times {
-    /// The times that the options give, else those of the file of many steps, else evenly spaced ones.
+    /// The times that the options give, else those of the file of many steps, else those of `dates` in seconds, else
+    /// evenly spaced ones. Dates count from the first.
     ///
     /// # Errors
-    /// Times that do not fit or do not increase, or the unit of times that nothing gives.
+    /// Times that do not fit or do not increase, or the unit of times that nothing gives or that is that of dates.
     pub fn new(
         path: &Path,
         steps: usize,
         options: &SeriesOptions,
+        dates: Option<Vec<f64>>,
         physical: &Physical,
         notes: &mut Vec<String>,
     ) -> Result<Self, VolumeError> {
-        let scene = normalised(path, steps, options.times.as_deref())?;
+        let dates = dates.filter(|_| options.times.is_none());
+        let dates: Option<Vec<f64>> = dates.map(|all| all.iter().map(|t| t - all[0]).collect());
+        let scene = normalised(path, steps, options.times.as_deref().or(dates.as_deref()))?;
+        if let Some(values) = dates {
+            if let Some(given) = options.time_unit.as_ref().filter(|unit| *unit != SECONDS) {
+                let problem = format!("the dates in the names of the files give times in {SECONDS}, not {given}");
+                let hint = "omit it, or give the time of each step with --time-values";
+                return Err(VolumeError::invalid(path, "--time-unit", problem, hint));
+            }
+            return Ok(Self { scene, values: Some(values), unit: Some(SECONDS.to_owned()) });
+        }
         // times that were given are not in the unit of the file's own
         let own = physical.time.as_ref().filter(|_| options.times.is_none() && steps > 1);
         let mut unit = own.and_then(|t| t.unit.clone());

@@ -62,7 +62,7 @@ struct SegmentTable {
 }
 
 pub(super) fn read(path: &Path) -> Result<TransferFunction, VolumeError> {
-    let text = crate::files::read_text(path).map_err(|e| {
+    let text = crate::files::read_settings(path).map_err(|e| {
         VolumeError::io(path, "read the transfer function", e, "check that the file is there and is text")
     })?;
     parse(&text, path)

@@ -3,6 +3,7 @@
 
 use super::{DEFAULT_UNIT_LENGTH, Shading, TransferFunction, color, has_extension, slug};
 use crate::volume::error::VolumeError;
+use crate::words::plain;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use serde_json::Value;
@@ -24,6 +25,8 @@ struct Map {
     points: Option<Vec<f64>>,
     #[serde(rename = "IndexedColors")]
     indexed_colors: Option<IgnoredAny>,
+    #[serde(rename = "UseLogScale")]
+    log_scale: Option<Value>,
 }
 
 #[derive(Clone, Copy)]
@@ -51,7 +54,7 @@ pub(super) fn split_spec(spec: &str) -> Option<(&str, Option<&str>)> {
 /// file without `ColorSpace` is `RGB`.
 ///
 /// # Errors
-/// A file that cannot be read or is not JSON, no map of that name, a categorical map, or invalid points.
+/// A file that cannot be read or is not JSON, no map of that name, a categorical or logarithmic map, or invalid points.
 pub fn read(path: &Path, name: Option<&str>) -> Result<TransferFunction, VolumeError> {
     let text = crate::files::read_text(path).map_err(|e| {
         VolumeError::io(path, "read the ParaView color map", e, "check that the file is there and is text")
@@ -80,7 +83,8 @@ fn parse(text: &str, name: Option<&str>, path: &Path) -> Result<TransferFunction
     };
     let name = &names[at];
     let field = |key: &str| format!("{key} of {name:?}");
-    let map: Map = Map::deserialize(&maps[at]).map_err(|e| wrong(&field("the fields"), e.to_string(), export))?;
+    let map: Map =
+        Map::deserialize(&maps[at]).map_err(|e| wrong(&field("the fields"), plain(&e.to_string()), export))?;
     let Some(list) = &map.rgb_points else {
         let (key, problem, hint) = if map.indexed_colors.is_some() {
             ("IndexedColors", "the map is categorical", "use a continuous map, one with RGBPoints")
@@ -89,6 +93,11 @@ fn parse(text: &str, name: Option<&str>, path: &Path) -> Result<TransferFunction
         };
         return Err(wrong(&field(key), problem.to_owned(), hint));
     };
+    if map.log_scale.as_ref().is_some_and(is_on) {
+        let problem = "the map is logarithmic, but positions are fractions of the range of the data";
+        let hint = "turn off \"Use log scale\" in ParaView and export it again, or prepare the logarithm of the data";
+        return Err(wrong(&field("UseLogScale"), problem.to_owned(), hint));
+    }
     let points = spread(list, path, &field("RGBPoints"))?;
     if let Some((i, _)) = points.iter().enumerate().find(|(_, p)| !p.1.iter().all(|v| (0.0..=1.0).contains(v))) {
         let problem = format!("the color of point {i}, counted by position, is outside [0, 1]");
@@ -115,10 +124,15 @@ fn parse(text: &str, name: Option<&str>, path: &Path) -> Result<TransferFunction
     Ok(function)
 }
 
+/// Whether a switch is on: `true`, or a number that is not 0.
+fn is_on(value: &Value) -> bool {
+    value.as_bool() == Some(true) || value.as_f64().is_some_and(|v| v != 0.0)
+}
+
 fn space_of(map: &Map) -> Option<Space> {
     let Some(name) = &map.color_space else { return Some(Space::Rgb) };
     let plain: String = name.chars().filter(char::is_ascii_alphanumeric).collect();
-    let wrap = map.hsv_wrap.as_ref().is_some_and(|v| v.as_bool() == Some(true) || v.as_f64().is_some_and(|v| v != 0.0));
+    let wrap = map.hsv_wrap.as_ref().is_some_and(is_on);
     Some(match plain.to_ascii_lowercase().as_str() {
         "rgb" => Space::Rgb,
         "hsv" => Space::Hsv { wrap },

@@ -122,3 +122,29 @@ proptest! {
         prop_assert_eq!(one(&text, None).is_ok(), varied);
     }
 }
+
+#[test]
+fn logarithmic_maps_are_refused_by_name() {
+    for (value, refused) in [("1", true), ("true", true), ("0", false), ("false", false)] {
+        let text = COOL_WARM.replacen("\"NanColor\"", &format!("\"UseLogScale\": {value}, \"NanColor\""), 1);
+        let message = one(&text, None).map(|tf| tf.name).map_err(|e| e.to_string());
+        assert_eq!(message.is_err(), refused, "{value}: {message:?}");
+        assert!(
+            !refused || message.as_ref().is_err_and(|m| m.contains("UseLogScale of \"Cool to Warm\"")),
+            "{message:?}"
+        );
+    }
+}
+
+#[test]
+fn byte_order_marks_are_no_part_of_a_map() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("maps.json");
+    for bytes in [
+        [b"\xef\xbb\xbf", COOL_WARM.as_bytes()].concat(),
+        [&[0xff, 0xfe][..], &COOL_WARM.encode_utf16().flat_map(u16::to_le_bytes).collect::<Vec<u8>>()].concat(),
+    ] {
+        std::fs::write(&path, bytes).unwrap();
+        assert_eq!(read(&path, None).unwrap(), one(COOL_WARM, None).unwrap());
+    }
+}

@@ -236,9 +236,6 @@ fn says_what_is_wrong() {
     assert!(change(108, &12f32.to_le_bytes()).contains("vox_offset"));
     assert!(change(108, &f32::NAN.to_le_bytes()).contains("vox_offset"));
     assert!(change(80, &f32::INFINITY.to_le_bytes()).contains("pixdim"));
-    for name in ["a.hdr", "a.img", "a.IMG.gz"] {
-        assert!(load(name, &four_d()).unwrap_err().to_string().contains("convert it"));
-    }
     assert!(open(Path::new("no/such.nii")).unwrap_err().to_string().contains("open the file"));
     with("a.nii", &four_d(), |p| assert!(open(p).unwrap().read(2, &mut Vec::new()).is_err()));
 }

@@ -257,7 +257,7 @@ impl Data {
             ScalarType::I16 => whole(i64::from(i16::MIN), i64::from(i16::MAX)),
             ScalarType::U32 => whole(0, i64::from(u32::MAX)),
             ScalarType::I32 => whole(i64::from(i32::MIN), i64::from(i32::MAX)),
-            ScalarType::F32 => word.parse().ok(),
+            ScalarType::F16 | ScalarType::F32 => word.parse().ok(),
             ScalarType::U64 => word.parse::<u64>().ok().map(|v| v as f32),
             ScalarType::I64 => word.parse::<i64>().ok().map(|v| v as f32),
             ScalarType::F64 => word.parse::<f64>().ok().map(|v| v as f32),

@@ -63,7 +63,7 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
 
     let name = text.need(path, "type")?;
     let scalar = common::scalar_from_name(name).ok_or_else(|| {
-        let hint = "save it as uchar, short, ushort, int, uint, float or double";
+        let hint = "save it as uchar, short, ushort, int, uint, longlong, ulonglong, float or double";
         bad("type", format!("\"{name}\" is not supported"), hint)
     })?;
     let encoding = match text.need(path, "encoding")?.to_ascii_lowercase().as_str() {

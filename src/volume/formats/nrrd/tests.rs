@@ -215,7 +215,7 @@ fn where_time_is() {
 fn header_errors() {
     let d4 = "type: uchar\ndimension: 4\nsizes: 2 2 1 1\nencoding: raw";
     for (lines, want) in [
-        (U8.replace("uchar", "int64"), "int64"),
+        (U8.replace("uchar", "long"), "\"long\" is not supported"),
         (U8.replace("uchar", "block"), "block"),
         (U8.replace("uchar", "ushort"), "endian"),
         (format!("{U8}\nendian: middle"), "middle"),

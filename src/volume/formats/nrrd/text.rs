@@ -77,6 +77,8 @@ impl Text {
             at += raw.len();
             let line = raw.strip_suffix(b"\n").unwrap_or(raw);
             let line = line.strip_suffix(b"\r").unwrap_or(line);
+            // an editor may have put a byte order mark before the header
+            let line = if number == 0 { line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line) } else { line };
             if number == 0 {
                 let known = matches!(line, [b'N', b'R', b'R', b'D', b'0', b'0', b'0', b'1'..=b'5']);
                 if !known {

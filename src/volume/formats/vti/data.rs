@@ -104,7 +104,7 @@ fn number(token: &mut Vec<u8>, layout: &Layout, out: &mut Vec<f32>) -> io::Resul
         ScalarType::I32 => parse!(i32),
         ScalarType::U64 => parse!(u64),
         ScalarType::I64 => parse!(i64),
-        ScalarType::F32 => parse!(f32),
+        ScalarType::F16 | ScalarType::F32 => parse!(f32),
         ScalarType::F64 => parse!(f64),
     };
     out.push(

@@ -104,7 +104,7 @@ fn load(bytes: &[u8]) -> Result<(Header, Vec<f32>), VolumeError> {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.vti");
     std::fs::write(&path, bytes).unwrap();
-    let file = open(&path)?;
+    let file = open(&path, None)?;
     let mut out = vec![9.0];
     file.read(0, &mut out)?;
     assert!(file.read(1, &mut Vec::new()).is_err());
@@ -163,7 +163,11 @@ fn chooses_the_active_then_the_first_array() {
     let (h, values) = read("Scalars=\"b\" Vectors=\"v\"", &[&vector, &a, &b]).unwrap();
     assert_eq!((h.notes.len(), &values[..]), (0, &[5.0, 6.0, 7.0, 8.0][..]));
     let (h, values) = read("", &[&vector, &a, &b]).unwrap();
-    assert!(h.notes[0].contains("\"a\"") && h.notes[0].ends_with("not read: b"), "{:?}", h.notes);
+    assert!(
+        h.notes[0].contains("\"a\"") && h.notes[0].contains("not read: b; choose with --variable"),
+        "{:?}",
+        h.notes
+    );
     assert!(values[1].is_nan() && values[2] == f32::NEG_INFINITY && values[3] == 0.4);
     let (h, _) = read("Scalars=\"v\"", &[&vector, &a]).unwrap();
     assert!(h.notes[0].contains("skipped"), "{:?}", h.notes);
@@ -219,7 +223,7 @@ fn says_what_is_wrong() {
     assert!(message(b"\x89PNG\r\n").contains("VTKFile") || message(b"\x89PNG\r\n").contains("XML"));
     assert!(message(b"<html/>").contains("<html>"));
     assert!(message(&file(Inline, "vtkLZMADataCompressor", 48)).contains("vtkLZMADataCompressor"));
-    assert!(open(Path::new("no/such.vti")).unwrap_err().to_string().contains("open the file"));
+    assert!(open(Path::new("no/such.vti"), None).unwrap_err().to_string().contains("open the file"));
 }
 
 #[test]
@@ -307,4 +311,30 @@ proptest! {
             prop_assert_eq!(values.len(), h.grid.len());
         }
     }
+}
+
+#[test]
+fn an_array_is_chosen_by_name() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("a.vti");
+    let array = |name: &str, components: usize, values: &str| {
+        format!(
+            "<DataArray type=\"Float32\" Name=\"{name}\" NumberOfComponents=\"{components}\" format=\"ascii\">{values}</DataArray>"
+        )
+    };
+    let point = array("a", 1, "1 2 3 4") + &array("u", 3, "0 0 0 0 0 0 0 0 0 0 0 0") + &array("b", 1, "5 6 7 8");
+    let content = format!("<PointData Scalars=\"b\">{point}</PointData><CellData>{}</CellData>", array("c", 1, "9"));
+    std::fs::write(&path, small(&content)).unwrap();
+    for (wanted, read, first) in [(None, "b", 5.0), (Some("a"), "a", 1.0), (Some("b"), "b", 5.0), (Some("c"), "c", 9.0)]
+    {
+        let file = open(&path, wanted).unwrap();
+        let mut out = Vec::new();
+        file.read(0, &mut out).unwrap();
+        assert_eq!((file.variable(), out[0]), (Some(read), first));
+        let names: Vec<(&str, u64)> = file.variables().iter().map(|v| (v.name.as_str(), v.components)).collect();
+        assert_eq!(names, [("a", 1), ("u", 3), ("b", 1), ("c", 1)]);
+    }
+    let refused = |name: &str| open(&path, Some(name)).unwrap_err().to_string();
+    assert!(refused("rho").contains("no array \"rho\" among a, u (3 components), b, c"), "{}", refused("rho"));
+    assert!(refused("u").contains("\"u\": has 3 components") && refused("u").contains("magnitude"), "{}", refused("u"));
 }
