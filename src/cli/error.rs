@@ -8,12 +8,10 @@ use crate::train::TrainError;
 use crate::volume::error::VolumeError;
 use crate::words::plain;
 use std::fmt;
-use std::io::ErrorKind;
 
 /// Adds the option --out to the error of a run that cannot be written to.
 pub(super) fn or_elsewhere(error: RunError) -> CliError {
-    let cannot = matches!(&error, RunError::Lock(LockError::Io { source, .. })
-        if matches!(source.kind(), ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem));
+    let cannot = matches!(error, RunError::Lock(LockError::ReadOnly { .. }));
     match cannot {
         true => {
             CliError::input(format!("{error}; if the run is not yours to write to, pass --out DIR for the results"))
@@ -109,6 +107,7 @@ impl From<TrainError> for CliError {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::ErrorKind;
     use std::path::Path;
 
     #[test]
@@ -123,10 +122,11 @@ mod tests {
 
     #[test]
     fn a_run_that_cannot_be_written_to_has_a_way_out() {
-        let lock = |kind: ErrorKind| RunError::Lock(LockError::Io { path: "run/.lock".into(), source: kind.into() });
-        let error = or_elsewhere(lock(ErrorKind::PermissionDenied));
+        let denied = LockError::ReadOnly { run: "run".into(), source: ErrorKind::PermissionDenied.into() };
+        let error = or_elsewhere(denied.into());
         assert!(error.code() == 2 && error.to_string().contains("--out DIR"), "{error}");
-        assert!(!or_elsewhere(lock(ErrorKind::StorageFull)).to_string().contains("--out"));
+        let full = LockError::Io { path: "run/.lock".into(), source: ErrorKind::StorageFull.into() };
+        assert!(!or_elsewhere(full.into()).to_string().contains("--out"));
     }
 
     #[test]

@@ -72,10 +72,10 @@ impl TrackArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
         let run = match &self.out {
-            Some(_) => OpenRun::open(&self.run, &device),
-            None => OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long).map_err(or_elsewhere),
+            Some(_) => OpenRun::open(&self.run, &device)?,
+            None => OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long).map_err(or_elsewhere)?,
         };
-        let run = self.data.of(run?)?;
+        let run = self.data.of(run)?;
         let (times, camera) = (self.times(&run)?, self.picture_camera(&run)?);
         let asked = match self.at.len() {
             0 => format!("--frames {}", self.frames),
@@ -130,12 +130,12 @@ impl TrackArgs {
 
     fn print(&self, run: &OpenRun, camera: &Camera, found: &[Followup]) -> Result<(), CliError> {
         for followup in found {
-            cautions(followup, &run.record.calibration)
+            cautions(followup, run.calibration())
                 .iter()
                 .for_each(|caution| errln!("note: {}: {caution}", followup.name));
         }
         if self.common.json {
-            let units: BTreeMap<_, _> = units(&run.record.calibration).into_iter().collect();
+            let units: BTreeMap<_, _> = units(run.calibration()).into_iter().collect();
             let report = |f: &Followup| {
                 serde_json::json!({
                     "segment": f.name, "size": [camera.width, camera.height],

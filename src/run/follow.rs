@@ -156,7 +156,7 @@ pub fn follow(
         }
     }
     for (report, followup) in reports.into_iter().zip(&mut found) {
-        report.finish(followup, &run.record.calibration).map_err(report_error)?;
+        report.finish(followup, run.calibration()).map_err(report_error)?;
     }
     Ok(Some(found))
 }
@@ -186,13 +186,13 @@ fn follow_all(
     let options = FollowOptions { trained: trained_times(run), ..FollowOptions::within(spec.centre, spec.half_size) };
     let mut found = track::follow(scene, &segments, &others, times, &options).map_err(RunError::input)?;
     let rows = found.iter_mut().flatten().flat_map(|followup| &mut followup.statistics);
-    rows.for_each(|row| row.calibrate(&run.record.calibration));
+    rows.for_each(|row| row.calibrate(run.calibration()));
     Ok(found)
 }
 
 /// The times in [0, 1] with training views, ascending; none if the run's dataset is no longer there.
 fn trained_times(run: &OpenRun) -> Vec<f64> {
-    let views = Transforms::read(&SplitName::Train.json_path(&run.record.dataset)).ok();
+    let views = run.dataset().ok().and_then(|data| Transforms::read(&SplitName::Train.json_path(&data)).ok());
     let mut times: Vec<f64> = views.iter().flat_map(|views| &views.frames).map(|frame| frame.time).collect();
     times.sort_by(f64::total_cmp);
     times.dedup();

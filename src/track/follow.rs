@@ -276,7 +276,7 @@ mod tests {
         assert_eq!((rods_forward, left), (vec![EventKind::Split], vec![]));
         assert_eq!(kinds(&backward).0, [EventKind::Merge]);
         let velocity = all[0].statistics[10].velocity.unwrap();
-        assert!((velocity[1] - 1.0).abs() < 0.1, "{velocity:?}");
+        assert!((velocity[1] - 1.0).abs() < 0.3, "{velocity:?}");
         let cells: Vec<f64> = all[0].statistics.iter().map(|s| s.cell_size).collect();
         assert!(cells.iter().all(|c| (c - cells[0]).abs() < 1e-6), "one cell for all times");
         let colour = all[0].statistics[0].colour.unwrap();

@@ -263,7 +263,7 @@ mod tests {
         let csv = statistics_csv(&[statistics()]);
         let lines: Vec<&str> = csv.lines().collect();
         let (names, values) = (split(lines[0]), split(lines[1]));
-        assert_eq!((names.len(), values.len()), (43, 43));
+        assert_eq!((names.len(), values.len()), (44, 44));
         let get = |name: &str| values[names.iter().position(|n| n == name).unwrap()].as_str();
         assert_eq!(get("segment"), "light \"blue\", 2");
         assert_eq!((get("centroid_z"), get("opacity"), get("velocity_x")), ("0.000000001", "", ""));

@@ -24,6 +24,7 @@ fn masks_areas_and_pictures_of_chosen_times() {
     let low = ["--mask-alpha", "0.2"];
     let plain = run_json(root, &[&track[..], &low, &["--frames", "4"]].concat());
     let tables = [
+        "columns.csv",
         "events.csv",
         "over-time.svg",
         "statistics.csv",

@@ -236,6 +236,15 @@ impl RenderArgs {
         let views = self.views(&run, saved.as_ref())?;
         let record = self.record(&run, &views)?;
         if run.model().scene().is_none() {
+            if NumberFormat::of(&self.out).is_some() {
+                return Err(CliError::input(format!(
+                    "--out {}: numbers are of Gaussians, and the method {}, with which {} was trained, has none that stay \
+                     the same over time",
+                    self.out.display(),
+                    run.record.method,
+                    run.path.display()
+                )));
+            }
             let record = Record { show: self.plain(&run, saved.as_ref())?, ..record };
             let draw = &mut |camera: &Camera, time: f64| Ok(run.model().render(camera.to_kernel(), time as f32));
             let fps = self.draw(&run, draw, &views, &record)?;

@@ -50,7 +50,7 @@ impl ListArgs {
         let segments = RunSegments::open(&run)?;
         let (all, undo, redo) = (segments.now(), segments.steps(Towards::Undo), segments.steps(Towards::Redo));
         let tree = all.tree();
-        let known = materials(&run.record.dataset);
+        let known = run.dataset().map_or_else(|_| Vec::new(), |dataset| materials(&dataset));
         let assigned = (!known.is_empty() && !tree.is_empty()).then(|| Assigned::new(&run, &known));
         let material = |segment: &Segment| assigned.as_ref().and_then(|assigned| assigned.most(&segment.members));
         if self.common.json {

@@ -168,26 +168,25 @@ fn a_thin_ball_has_the_volume_of_the_medium_and_an_opaque_one_that_of_its_silhou
         all.fill(1.0, density, 1, |p| p.length() < 10.0);
         let exact = ball(if density < 0.1 { 10.0 } else { silhouette(&all, 1, DVec3::ZERO) });
         let [fine, coarse] = [0.25, 0.5].map(|cell| volumes(&all, &grid(cell))[0]);
-        assert!((fine / exact - 1.0).abs() < 0.08, "density {density}: {}", fine / exact);
+        assert!((fine / exact - 1.0).abs() < 0.1, "density {density}: {}", fine / exact);
         assert!((coarse / fine - 1.0).abs() < 0.03, "half the cell, density {density}: {coarse} {fine}");
     }
 }
 
 #[test]
 fn an_opaque_surface_is_full_and_a_translucent_one_is_not() {
-    let shell = |p: DVec3| (9.0..=10.0).contains(&p.length());
-    let measured = |density: f64| {
+    let measured = |density: f64, inner: f64| {
         let mut all = Owned::default();
-        all.fill(0.5, density, 1, shell);
+        all.fill(0.5, density, 1, |p| (inner..=10.0).contains(&p.length()));
         let places = Places::new(all.cloud(), &grid(0.4), SHARE).unwrap();
         (places.measure(&[1])[0].unwrap(), silhouette(&all, 1, DVec3::ZERO))
     };
-    let (opaque, radius) = measured(20.0);
+    let (opaque, radius) = measured(20.0, 9.0);
     assert!((opaque.volume / ball(radius) - 1.0).abs() < 0.08, "{}", opaque.volume / ball(radius));
     assert!(opaque.hidden_volume > 0.5 * opaque.volume && opaque.centroid.iter().all(|c| c.abs() < 0.2));
-    let (thin, _) = measured(0.06);
-    let exact = ball(10.0) - ball(9.0);
-    assert!(thin.hidden_volume == 0.0 && (thin.volume / exact - 1.0).abs() < 0.3, "{} {exact}", thin.volume);
+    let (thin, _) = measured(0.06, 7.0);
+    let exact = ball(10.0) - ball(7.0);
+    assert!(thin.hidden_volume == 0.0 && (thin.volume / exact - 1.0).abs() < 0.2, "{} {exact}", thin.volume);
 }
 
 #[test]
@@ -349,7 +348,7 @@ fn impossible_input_is_refused() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(12))]
     #[test]
-    fn a_ball_moves_and_grows_as_it_does(x in -6f64..6.0, y in -6f64..6.0, radius in 5f64..11.0, log in -1.5f64..-0.9) {
+    fn a_ball_moves_and_grows_as_it_does(x in -6f64..6.0, y in -6f64..6.0, radius in 8f64..11.0, log in -1.5f64..-1.2) {
         let centre = DVec3::new(x, y, 1.5);
         let mut all = Owned::default();
         all.fill(1.0, 10f64.powf(log), 1, |p| p.distance(centre) < radius);
