@@ -7,7 +7,6 @@ mod common;
 #[path = "../examples/extended/method.rs"]
 mod method;
 
-use clap::Parser;
 use common::{dataset, json, metrics, names, newest_bytes, refused, text, train, volseggs};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -53,7 +52,7 @@ fn trained(root: &Path, name: &str, start: Start, stop_after: Option<usize>, mor
 /// Runs the program in this process, as only this process knows the registered method. Returns the exit code and the
 /// error.
 fn run_in_process(arguments: &[&str]) -> Result<(), (u8, String)> {
-    let cli = Cli::try_parse_from(["volseggs"].iter().chain(arguments)).unwrap();
+    let cli = Cli::from_line(["volseggs"].iter().chain(arguments)).unwrap();
     cli.run().map_err(|error| (error.code(), error.to_string()))
 }
 

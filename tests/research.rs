@@ -12,7 +12,6 @@ mod metric;
 #[path = "../examples/extended/schedule.rs"]
 mod schedule;
 
-use clap::Parser;
 use common::{SETTINGS, dataset, json, text, train_arguments};
 use std::path::Path;
 use volseggs::burn::tensor::{Device, Tensor, TensorData};
@@ -258,7 +257,7 @@ fn the_program_accepts_all_four_extensions() {
         ["loss.extra.edges=0.1", "model.encoder=extra", "model.extra_encoder=waves", "optim.schedule=warm-cosine"];
     let run = |arguments: Vec<String>| {
         let program = ["volseggs".to_owned()].into_iter().chain(arguments);
-        Cli::try_parse_from(program).unwrap().run().unwrap();
+        Cli::from_line(program).unwrap().run().unwrap();
     };
     run(train_arguments(root.path(), "run", &settings));
     run(["eval", &text(root.path(), "run")].map(str::to_owned).to_vec());

@@ -172,11 +172,7 @@ impl Cli {
     /// Parses the command line. A wrong one, a request for help or for the version ends the program with a message.
     #[must_use]
     pub fn read() -> Self {
-        let matches = with_negative_values(Self::command()).try_get_matches();
-        let parsed = matches.and_then(|mut matches| {
-            Self::from_arg_matches_mut(&mut matches).map_err(|e| e.format(&mut Self::command()))
-        });
-        parsed.unwrap_or_else(|error| {
+        Self::from_line(std::env::args_os()).unwrap_or_else(|error| {
             let text = error.render().to_string();
             let words = plain(&text);
             if words == text.trim_end() {
@@ -185,6 +181,17 @@ impl Cli {
             errln!("{words}");
             std::process::exit(error.exit_code())
         })
+    }
+
+    /// Parses a command line that begins with the name of the program.
+    ///
+    /// # Errors
+    /// A wrong command line, or a request for help or for the version.
+    pub fn from_line<T: Into<std::ffi::OsString> + Clone>(
+        line: impl IntoIterator<Item = T>,
+    ) -> clap::error::Result<Self> {
+        let mut matches = with_negative_values(Self::command()).try_get_matches_from(line)?;
+        Self::from_arg_matches_mut(&mut matches).map_err(|e| e.format(&mut Self::command()))
     }
 
     /// Runs the command.

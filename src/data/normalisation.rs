@@ -32,6 +32,10 @@ pub const OFFSET: f64 = 10.0;
 /// Largest distance of the data, in mean distances of the cameras from their centre.
 pub const NARROW: f64 = 10.0;
 
+/// Share of their distance from the origin down to which positions differ; below, they are one position with the errors
+/// of rounding.
+const SAME: f64 = 1e-9;
+
 /// How scene coordinates follow from those of a dataset, see the module.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Normalisation {
@@ -65,7 +69,7 @@ impl Normalisation {
         let mean = positions.clone().sum::<DVec3>() / n;
         let from = |point: DVec3| positions.clone().map(|p| p.distance(point)).sum::<f64>() / n;
         let spread = from(mean);
-        let (centre, distance) = if spread <= 1e-9 * mean.length() {
+        let (centre, distance) = if spread <= SAME * mean.length() {
             // one position, whose distance from the data is at least not known to differ from that from the origin
             (DVec3::ZERO, mean.length())
         } else {
@@ -172,8 +176,8 @@ mod tests {
         for radius in [1e-12, 1e-4, 0.01, 0.15, 1e3, 4e4, 1e9] {
             for centre in [DVec3::ZERO, DVec3::new(4.5e5, 5.4e6, 300.0)] {
                 let poses = sphere(radius, centre);
-                // where f64 resolves the distances at all
-                if radius < 1e-6 && centre != DVec3::ZERO {
+                // where the cameras are told apart
+                if radius <= SAME * centre.length() {
                     continue;
                 }
                 let n = of(&poses);

@@ -189,7 +189,7 @@ fn keys_of_synthetic_datasets_can_be_set_on_the_command_line() {
         ("size", "--synthetic: \"size\": expected KEY=VALUE"),
         ("size=1\nviews=2", "expected KEY=VALUE"),
         ("size=4", "data.jets: size = 4: must be from 8"),
-        ("width=4", "data.jets: unknown field `width`"),
+        ("width=4", "data.jets: unknown key `width`"),
     ] {
         let said = set(&[setting], &text).unwrap_err().to_string();
         assert!(said.contains(words), "{setting}: {said}");

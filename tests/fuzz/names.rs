@@ -1,7 +1,6 @@
 //! What users write on the command line: names, colours, sizes, whole lines of arguments.
 
 use crate::driver::{Target, accepted, fuzz};
-use clap::Parser;
 use std::path::{Component, Path};
 use volseggs::cli::Cli;
 use volseggs::data::SplitName;
@@ -62,7 +61,7 @@ fn arguments() {
         let read = |bytes: &[u8]| {
             let text = String::from_utf8_lossy(bytes).into_owned();
             let line = std::iter::once("volseggs").chain(text.split(' '));
-            accepted(Cli::try_parse_from(line)).is_some()
+            accepted(Cli::from_line(line)).is_some()
         };
         let seeds = [
             "train --data d --out o --config quick --set seed=3 --device flex --stop-after 10",

@@ -2,7 +2,7 @@
 //! and every link and anchor leads somewhere.
 
 use clap::error::ErrorKind;
-use clap::{ArgMatches, CommandFactory, Parser};
+use clap::{ArgMatches, CommandFactory};
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use volseggs::cli::Cli;
@@ -166,7 +166,7 @@ fn fault(words: &[String], in_text: bool, out: &Path) -> Option<String> {
         return Some(format!("{file} does not exist"));
     }
     let command = of_this_program(words)?;
-    match Cli::try_parse_from(&command) {
+    match Cli::from_line(&command) {
         Err(e) if matches!(e.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => None,
         Err(e) if in_text && e.kind() == ErrorKind::MissingRequiredArgument => None,
         Err(e) if in_text && e.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => None,

@@ -216,7 +216,7 @@ fn labels_are_index_for_index_on_volumes_in_every_orientation() {
         [("nii", "seg.nrrd", nifti), ("nrrd", "seg.nrrd", nrrd), ("vti", "vti", vti)];
     for (extension, labels_extension, encode) in formats {
         let mut pairs = Vec::new();
-        for stored in &all {
+        for (i, stored) in all.iter().enumerate() {
             let name = format!("{}.{extension}", stored.name);
             let volume = root.join(&name);
             std::fs::write(&volume, encode(stored)).unwrap();
@@ -232,6 +232,10 @@ fn labels_are_index_for_index_on_volumes_in_every_orientation() {
             let space = record.calibration.space.unwrap();
             assert!((DVec3::from_array(space.centre) - PLAIN.centre()).length() < 1e-4, "{name}");
 
+            // labels rest on the grid alone, so that one format shows all of them
+            if extension != "nrrd" && i % 7 != 0 && !oblique {
+                continue;
+            }
             // as if it had been trained on this one
             let mut run = run.share();
             run.record.dataset.clone_from(&data);

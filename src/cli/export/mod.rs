@@ -188,7 +188,7 @@ impl ExportArgs {
         let format = format_for(self.format, self.out.as_deref(), self.frames.is_some());
         // an error about a label flag is more helpful than one about a missing format
         if let (Ok(Format::Ply | Format::Spz) | Err(_), None | Some(Format::Ply | Format::Spz), Some(flag)) =
-            (&format, self.format, self.labels.given())
+            (&format, self.format, self.labels.given().filter(|_| self.fields.is_none()))
         {
             return Err(CliError::input(format!(
                 "{flag}: only for labels on voxels; pass --format nrrd or --format vti, or end the name of --out in .nrrd or \

@@ -192,7 +192,7 @@ assert (data.transpose(3, 2, 1, 0).reshape(24, 7) == vti).all() and (array.resha
 units = [fields.GetAbstractArray("field_units").GetValue(i) for i in range(3)]
 print(json.dumps([vti[5].tolist(), image.GetSpacing(), image.GetOrigin(), fields.GetArray("TimeValue").GetTuple1(0), units,
     points.GetVectors().GetName(), points.GetScalars().GetName(), header["space units"], header["channels"],
-    numpy.array(header["space directions"]).tolist()[1:], header["time"], header["units"]]))
+    numpy.array(header["space directions"]).tolist()[1:], header["time"], header["field_units"]]))
 "#;
         let Some(python) = python_with("vtk, numpy, nrrd", Need::Vtk) else { return };
         let folder = tempfile::tempdir().unwrap();

@@ -52,7 +52,7 @@ fn header(volume: &FieldVolume<'_>) -> String {
     };
     for (key, value) in [
         ("channels", volume.channels().join(" ")),
-        ("units", units.join("; ")),
+        ("field_units", units.join("; ")),
         ("time", format!("{} {}", volume.time, volume.time_unit)),
         ("edited", if volume.edited { "yes" } else { "no" }.to_owned()),
     ] {

@@ -16,6 +16,15 @@ struct Step {
     length: f64,
 }
 
+/// The light that leaves a cell.
+#[derive(Clone, Copy, Default)]
+struct Light {
+    /// Of the lines through it, the sum of the shares that get through.
+    through: f64,
+    /// Over the ways out of it, the sum of the shares that get out.
+    out: f64,
+}
+
 /// Returns the hidden cells `[z, y, x]`, given the extinction density `[z, y, x]` of everything, per unit of length.
 ///
 /// A cell is hidden if matter in it would change no picture: of the light on the 13 lines through it and its
@@ -23,44 +32,54 @@ struct Step {
 /// hidden though the lines end at its back: there, a quarter of the light or more leaves in the mean over the 26
 /// directions.
 pub fn hidden(density: &[f32], grid: &Grid) -> Vec<bool> {
-    let [x, y, z] = grid.dims;
+    let [x, y, _] = grid.dims;
     let steps = steps(grid.spacing);
     let (lines, ways) = (UNSEEN * steps.len() as f64, OPEN * 2.0 * steps.len() as f64);
     let mut hidden = vec![false; density.len()];
     let Some(reach) = reach(density, grid.dims) else { return hidden };
-    let [[x0, x1], [y0, y1], [z0, z1]] = reach;
-    let inside = |at: [isize; 3]| (0..3).all(|k| at[k] >= reach[k][0] as isize && at[k] <= reach[k][1] as isize);
-    let depth = |from: [usize; 3], step: &Step, sign: isize| {
-        let by = step.by.map(|b| sign * b);
-        let stride = by[0] + by[1] * x as isize + by[2] * (x * y) as isize;
-        let mut cell = (from[2] * y + from[1]) * x + from[0];
-        let mut at = from.map(|v| v as isize);
-        let mut sum = 0.5 * f64::from(density[cell]);
-        loop {
-            (0..3).for_each(|k| at[k] += by[k]);
-            // beyond the box of what there is, nothing is in the way
-            if !inside(at) {
-                return sum * step.length;
+    // beyond the box of what there is, nothing is in the way
+    let dims = reach.map(|[low, high]| high + 1 - low);
+    let row = |r: usize| ((reach[2][0] + r / dims[1]) * y + reach[1][0] + r % dims[1]) * x + reach[0][0];
+    let boxed: Vec<f32> = (0..dims[1] * dims[2]).flat_map(|r| &density[row(r)..row(r) + dims[0]]).copied().collect();
+    let mut light = vec![Light::default(); boxed.len()];
+    for step in &steps {
+        let (there, back) =
+            rayon::join(|| sums_beyond(&boxed, dims, step.by), || sums_beyond(&boxed, dims, step.by.map(|b| -b)));
+        light.par_iter_mut().enumerate().for_each(|(cell, light)| {
+            // once a cell is seen, nothing hides it
+            if light.through < lines && light.out < ways {
+                let own = 0.5 * f64::from(boxed[cell]);
+                let [there, back] = [there[cell], back[cell]].map(|sum| step.length * (own + sum));
+                light.through += (-there - back).exp();
+                light.out += (-there).exp() + (-back).exp();
             }
-            cell = cell.wrapping_add_signed(stride);
-            sum += f64::from(density[cell]);
-        }
-    };
-    debug_assert_eq!(density.len(), x * y * z);
-    hidden.par_chunks_mut(x * y).enumerate().skip(z0).take(z1 + 1 - z0).for_each(|(k, out)| {
-        for j in y0..=y1 {
-            for i in x0..=x1 {
-                let (mut through, mut out_of) = (0.0, 0.0);
-                out[j * x + i] = steps.iter().all(|step| {
-                    let [there, back] = [1, -1].map(|sign| depth([i, j, k], step, sign));
-                    through += (-there - back).exp();
-                    out_of += (-there).exp() + (-back).exp();
-                    through < lines && out_of < ways
-                });
-            }
-        }
-    });
+        });
+    }
+    for (r, light) in light.chunks_exact(dims[0]).enumerate() {
+        let seen = light.iter().map(|light| light.through < lines && light.out < ways);
+        hidden[row(r)..row(r) + dims[0]].iter_mut().zip(seen).for_each(|(hidden, is)| *hidden = is);
+    }
     hidden
+}
+
+/// Returns for each cell the sum of the densities of the cells that follow it in steps `by`.
+fn sums_beyond(density: &[f32], [x, y, z]: [usize; 3], by: [isize; 3]) -> Vec<f64> {
+    let mut sums = vec![0.0f64; density.len()];
+    let stride = by[0] + by[1] * x as isize + by[2] * (x * y) as isize;
+    let columns = by[0].min(0).unsigned_abs()..x.saturating_sub(by[0].max(0).unsigned_abs());
+    // cells come after those that follow them: from the end if steps go forward
+    let ordered = |n: usize, i: usize| if stride > 0 { n - 1 - i } else { i };
+    for r in (0..y * z).map(|i| ordered(y * z, i)) {
+        let next = [(r % y).checked_add_signed(by[1]), (r / y).checked_add_signed(by[2])];
+        if !matches!(next, [Some(j), Some(k)] if j < y && k < z) {
+            continue;
+        }
+        for c in (0..columns.len()).map(|i| r * x + columns.start + ordered(columns.len(), i)) {
+            let next = c.wrapping_add_signed(stride);
+            sums[c] = sums[next] + f64::from(density[next]);
+        }
+    }
+    sums
 }
 
 /// Steps to 13 neighbours; the other 13 are in the opposite directions.
@@ -86,4 +105,28 @@ fn reach(density: &[f32], [x, y, _]: [usize; 3]) -> Option<[[usize; 2]; 3]> {
         }
     }
     (low[0] != usize::MAX).then(|| std::array::from_fn(|k| [low[k], high[k]]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_are_those_of_the_rays() {
+        let dims = [5, 4, 3];
+        let density: Vec<f32> = (0..60).map(|i| ((i * 37) % 11) as f32).collect();
+        let at = |[i, j, k]: [isize; 3]| {
+            let inside = [i, j, k].iter().zip(dims).all(|(v, d)| (0..d as isize).contains(v));
+            inside.then(|| f64::from(density[((k * 4 + j) * 5 + i) as usize]))
+        };
+        for code in (0..27).filter(|code| *code != 13) {
+            let by = [code % 3 - 1, code / 3 % 3 - 1, code / 9 - 1];
+            let sums = sums_beyond(&density, dims, by);
+            for (c, sum) in sums.iter().enumerate() {
+                let from = [c % 5, c / 5 % 4, c / 20].map(|v| v as isize);
+                let ray = (1..).map_while(|n| at(std::array::from_fn(|a| from[a] + n * by[a])));
+                assert_eq!(ray.sum::<f64>(), *sum, "{by:?} from {from:?}");
+            }
+        }
+    }
 }
