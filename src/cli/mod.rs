@@ -45,7 +45,8 @@ use crate::device::DeviceName;
 use crate::memory::{Budget, Bytes};
 use crate::words::plain;
 use burn::tensor::Device;
-use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use std::ffi::OsString;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -186,12 +187,17 @@ impl Cli {
     /// Parses a command line that begins with the name of the program.
     ///
     /// # Errors
+    /// As for [`Cli::matches`].
+    pub fn from_line<T: Into<OsString> + Clone>(line: impl IntoIterator<Item = T>) -> clap::error::Result<Self> {
+        Self::from_arg_matches_mut(&mut Self::matches(line)?).map_err(|e| e.format(&mut Self::command()))
+    }
+
+    /// The arguments of a command line that begins with the name of the program.
+    ///
+    /// # Errors
     /// A wrong command line, or a request for help or for the version.
-    pub fn from_line<T: Into<std::ffi::OsString> + Clone>(
-        line: impl IntoIterator<Item = T>,
-    ) -> clap::error::Result<Self> {
-        let mut matches = with_negative_values(Self::command()).try_get_matches_from(line)?;
-        Self::from_arg_matches_mut(&mut matches).map_err(|e| e.format(&mut Self::command()))
+    pub fn matches<T: Into<OsString> + Clone>(line: impl IntoIterator<Item = T>) -> clap::error::Result<ArgMatches> {
+        with_negative_values(Self::command()).try_get_matches_from(line)
     }
 
     /// Runs the command.

@@ -166,12 +166,12 @@ fn fault(words: &[String], in_text: bool, out: &Path) -> Option<String> {
         return Some(format!("{file} does not exist"));
     }
     let command = of_this_program(words)?;
-    match Cli::from_line(&command) {
+    match Cli::matches(&command) {
         Err(e) if matches!(e.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) => None,
         Err(e) if in_text && e.kind() == ErrorKind::MissingRequiredArgument => None,
         Err(e) if in_text && e.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => None,
         Err(e) => Some(e.to_string()),
-        Ok(_) => open_files(&Cli::command().get_matches_from(&command), out).err(),
+        Ok(arguments) => open_files(&arguments, out).err(),
     }
 }
 

@@ -127,7 +127,7 @@ fn known_segments_are_evaluated_with_every_method() {
     for (arguments, needle) in [
         (&["--segments", "--only", "nobody"][..], only),
         (&["--segments", "--methods", "magic"], "coarse+fine"),
-        (&["--segments", "--time", "2"], "--time <TIME>"),
+        (&["--segments", "--time", "2"], "--time <T>"),
         (&["--segments", "--clicks", "0"], "--clicks"),
         (&["--segments", "--mask-alpha", "0"], "--mask-alpha 0"),
         (&["--segments", "--score", "pair"], "NAME=SEGMENT+SEGMENT"),

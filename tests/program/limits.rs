@@ -143,7 +143,7 @@ fn oversized_and_invalid_sweeps_are_refused_at_once() {
     dry(&format!("[grid]\n{axes}"), &["grid.k.k", "531441 runs"]);
     dry("seeds = []", &["seeds", "empty list"]);
     dry("seeds = [-4]", &["seeds", "whole number, 0 or above"]);
-    dry("set = { seed = -4 }", &["set.seed", "seeds = [4]"]);
+    dry("set = { seed = -4 }", &["set.seed", "whole numbers from 0"]);
     std::fs::write(&file, "[data]\n'../../evil' = { synthetic = 'jets' }\n").unwrap();
     let mut program = volseggs();
     program.args(["sweep", "--out"]).arg(root.path().join("a/b/out")).arg(&file);

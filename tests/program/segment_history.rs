@@ -221,7 +221,7 @@ fn invalid_numbers_are_refused() {
         (vec!["fine", "run", "--hierarchy", "-1"], &["--hierarchy"]),
         (vec!["masks", "run", "--size", "99999"], &["--size", "16384"]),
         (vec!["masks", "run", "--size", "16384", "--memory", "100M"], &["--size 16384", "--memory"]),
-        (vec!["masks", "run", "--views", "99999999999"], &["--views 99999999999", "--memory"]),
+        (vec!["masks", "run", "--views", "99999999999"], &["--views 99999999999", "at most"]),
         (vec!["masks", "run", "--views", "0"], &["--views", "at least 1"]),
         (at("nan,0,0", &[]), &["--camera", "three finite numbers"]),
         (at("1e300,0,0", &[]), &["--camera", "three finite numbers"]),
