@@ -155,22 +155,25 @@ async fn socket(
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response<Body> {
     let (origin, host) = (text(&headers, &header::ORIGIN), text(&headers, &header::HOST));
-    if !shared.guard.allows_origin(origin, host) {
+    let allowed = shared.guard.allows_origin(origin, host);
+    let upgrade = match upgrade {
+        Ok(upgrade) => upgrade,
+        Err(rejection) => {
+            if allowed {
+                shared.tell(
+                    "a page cannot connect: a proxy in front of the viewer does not pass on websockets; let it (nginx: \
+                     proxy_http_version 1.1; proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection upgrade;)",
+                );
+            }
+            return rejection.into_response();
+        }
+    };
+    if !allowed {
         if let Some(why) = origin.zip(host).and_then(|(origin, host)| misnamed(origin, host)) {
             shared.tell(&why);
         }
         return (StatusCode::FORBIDDEN, "the request does not come from a page of this server").into_response();
     }
-    let upgrade = match upgrade {
-        Ok(upgrade) => upgrade,
-        Err(rejection) => {
-            shared.tell(
-                "a page cannot connect: a proxy in front of the viewer does not pass on websockets; let it (nginx: \
-                 proxy_http_version 1.1; proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection upgrade;)",
-            );
-            return rejection.into_response();
-        }
-    };
     if shared.here.fetch_add(1, Ordering::SeqCst) >= MAX_CLIENTS {
         shared.here.fetch_sub(1, Ordering::SeqCst);
         // a page sees the messages of a socket, but not why one was refused

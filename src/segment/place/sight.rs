@@ -9,6 +9,9 @@ const UNSEEN: f64 = 0.02;
 /// Share of the light of a place, over all directions, from which on one can look into it, as into a cup.
 const OPEN: f64 = 0.25;
 
+/// Cells per task.
+const CHUNK: usize = 1 << 14;
+
 /// One step of a ray through the grid.
 #[derive(Clone, Copy)]
 struct Step {
@@ -45,13 +48,15 @@ pub fn hidden(density: &[f32], grid: &Grid) -> Vec<bool> {
     for step in &steps {
         let (there, back) =
             rayon::join(|| sums_beyond(&boxed, dims, step.by), || sums_beyond(&boxed, dims, step.by.map(|b| -b)));
-        light.par_iter_mut().enumerate().for_each(|(cell, light)| {
-            // once a cell is seen, nothing hides it
-            if light.through < lines && light.out < ways {
-                let own = 0.5 * f64::from(boxed[cell]);
-                let [there, back] = [there[cell], back[cell]].map(|sum| step.length * (own + sum));
-                light.through += (-there - back).exp();
-                light.out += (-there).exp() + (-back).exp();
+        let chunks = light.par_chunks_mut(CHUNK).zip(boxed.par_chunks(CHUNK));
+        chunks.zip(there.par_chunks(CHUNK).zip(back.par_chunks(CHUNK))).for_each(|((light, own), (there, back))| {
+            for ((light, own), (there, back)) in light.iter_mut().zip(own).zip(there.iter().zip(back)) {
+                // once a cell is seen, nothing hides it
+                if light.through < lines && light.out < ways {
+                    let [there, back] = [there, back].map(|sum| step.length * (0.5 * f64::from(*own) + sum));
+                    light.through += (-there - back).exp();
+                    light.out += (-there).exp() + (-back).exp();
+                }
             }
         });
     }
@@ -66,17 +71,31 @@ pub fn hidden(density: &[f32], grid: &Grid) -> Vec<bool> {
 fn sums_beyond(density: &[f32], [x, y, z]: [usize; 3], by: [isize; 3]) -> Vec<f64> {
     let mut sums = vec![0.0f64; density.len()];
     let stride = by[0] + by[1] * x as isize + by[2] * (x * y) as isize;
-    let columns = by[0].min(0).unsigned_abs()..x.saturating_sub(by[0].max(0).unsigned_abs());
+    let from = by[0].min(0).unsigned_abs();
+    let Some(n) = x.checked_sub(by[0].unsigned_abs()) else { return sums };
     // cells come after those that follow them: from the end if steps go forward
     let ordered = |n: usize, i: usize| if stride > 0 { n - 1 - i } else { i };
     for r in (0..y * z).map(|i| ordered(y * z, i)) {
-        let next = [(r % y).checked_add_signed(by[1]), (r / y).checked_add_signed(by[2])];
-        if !matches!(next, [Some(j), Some(k)] if j < y && k < z) {
+        let next = match [(r % y).checked_add_signed(by[1]), (r / y).checked_add_signed(by[2])] {
+            [Some(j), Some(k)] if j < y && k < z => k * y + j,
+            _ => continue,
+        };
+        if next == r {
+            for c in (0..n).map(|i| r * x + from + ordered(n, i)) {
+                let next = c.wrapping_add_signed(stride);
+                sums[c] = sums[next] + f64::from(density[next]);
+            }
             continue;
         }
-        for c in (0..columns.len()).map(|i| r * x + columns.start + ordered(columns.len(), i)) {
-            let next = c.wrapping_add_signed(stride);
-            sums[c] = sums[next] + f64::from(density[next]);
+        let (before, after) = sums.split_at_mut(r.max(next) * x);
+        let (row, beyond) = match next > r {
+            true => (&mut before[r * x..(r + 1) * x], &after[..x]),
+            false => (&mut after[..x], &before[next * x..(next + 1) * x]),
+        };
+        let shifted = from.wrapping_add_signed(by[0]);
+        let beyond = beyond[shifted..shifted + n].iter().zip(&density[next * x + shifted..]);
+        for (sum, (beyond, density)) in row[from..from + n].iter_mut().zip(beyond) {
+            *sum = beyond + f64::from(*density);
         }
     }
     sums
