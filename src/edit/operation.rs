@@ -60,7 +60,7 @@ pub enum Operation {
     },
     /// Scales the segments, including their Gaussians.
     Scale {
-        /// One of [`SCALES`].
+        /// From 1e-6 to 1e6.
         factor: f32,
         /// As in `Rotate`.
         #[serde(default, skip_serializing_if = "Option::is_none")]

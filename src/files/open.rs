@@ -81,7 +81,7 @@ pub fn read_text(path: &Path) -> io::Result<String> {
     decode_text(read_regular(path)?).map_err(|e| io::Error::new(ErrorKind::InvalidData, e))
 }
 
-/// Reads the text of a file that people write by hand, of at most [`MAX_SETTINGS`] bytes: parsers take seconds for what
+/// Reads the text of a file that people write by hand, of at most a million bytes: parsers take seconds for what
 /// is longer, and it is something else.
 ///
 /// # Errors

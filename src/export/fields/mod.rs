@@ -53,7 +53,7 @@ impl FieldVolume<'_> {
         self.fields.iter().map(|field| field.components).sum()
     }
 
-    /// Returns the name of each number of a voxel, in the order of [`FieldVolume::together`].
+    /// Returns the name of each number of a voxel, in the order of the file.
     #[must_use]
     pub fn channels(&self) -> Vec<String> {
         let of = |field: &Field| -> Vec<String> {
