@@ -108,7 +108,7 @@ pub struct InitConfig {
     pub points: usize,
     /// Where they are placed.
     pub placement: Placement,
-    /// Half the side length of the cube for `placement = "box"`, world units.
+    /// Half the side length of the cube for `placement = "box"`, scene units.
     pub box_half_size: f64,
     /// Initial standard deviation, as a multiple of the mean spacing.
     pub scale: f64,

@@ -108,7 +108,7 @@ impl Camera {
         (rotation, -(rotation * self.position()))
     }
 
-    /// The continuous pixel of a world point and its depth along the optical axis (world units); none for a
+    /// The continuous pixel of a world point and its depth along the optical axis (scene units); none for a
     /// point at or behind the camera plane. The pixel may lie outside the image.
     #[must_use]
     pub fn project(&self, point: DVec3) -> Option<(DVec2, f64)> {

@@ -170,7 +170,7 @@ impl<'a> Masks<'a> {
         sums
     }
 
-    /// Whether every view of `group` with `p` in its image has a seen pixel within `radius` (world units).
+    /// Whether every view of `group` with `p` in its image has a seen pixel within `radius` (scene units).
     fn near(&self, group: usize, p: DVec3, radius: f64) -> bool {
         let (stride, mut seen) = (self.stride, 0);
         let (w, h) = (self.width as f64, self.height as f64);

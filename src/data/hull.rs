@@ -19,7 +19,7 @@ use crate::rng::{Purpose, Rng};
 const MAX_DRAWS: usize = 64;
 const CHUNK: usize = 1024;
 
-/// An axis-aligned box in world units.
+/// An axis-aligned box in scene units.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Aabb {
     /// Smallest corner.

@@ -19,9 +19,9 @@ pub const POLE_GAP: f64 = 1.75e-4;
 /// The sphere on which the cameras of a path lie, looking at its centre.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Sphere {
-    /// The centre, world units.
+    /// The centre, scene units.
     pub centre: DVec3,
-    /// Distance of the cameras from the centre, world units.
+    /// Distance of the cameras from the centre, scene units.
     pub radius: f64,
 }
 

@@ -26,6 +26,12 @@ impl Surroundings {
         Self { lens, sphere: Sphere::through(camera, centre) }
     }
 
+    /// The side of a pixel at the scene's centre, scene units.
+    #[must_use]
+    pub fn pixel(&self) -> f64 {
+        2.0 * self.sphere.radius * (0.5 * self.lens.fov_x).tan() / f64::from(self.lens.width)
+    }
+
     /// These surroundings for pictures `width` pixels wide, with the same aspect ratio.
     #[must_use]
     pub fn sized(mut self, width: u32) -> Self {

@@ -17,7 +17,7 @@ const ENTRY: &str = "volseggs.truth-volume";
 /// Number of steps in which opacities are stored.
 const PARTS: f32 = 65_535.0;
 
-/// Ids and opacity of a dataset's segments on a grid of cells at one time, world units: those of the cameras and the
+/// Ids and opacity of a dataset's segments on a grid of cells at one time, scene units: those of the cameras and the
 /// Gaussians, in which the volume is centred at the origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TruthVolume {
@@ -77,7 +77,7 @@ impl Truth {
 const AGAIN: &str = "make the dataset again with `volseggs prepare`";
 
 impl TruthVolume {
-    /// Centre of the cell `index` (x, y, z), world units.
+    /// Centre of the cell `index` (x, y, z), scene units.
     #[must_use]
     pub fn centre(&self, index: [usize; 3]) -> [f64; 3] {
         std::array::from_fn(|a| self.origin[a] + self.spacing[a] * index[a] as f64)

@@ -106,8 +106,11 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
         mask_alpha: None,
     };
     let work = AtomicDir::create(&run.paths().eval().join("masks")).map_err(|e| e.to_string())?;
-    let (evaluation, trained) = evaluate_segments(scene, &truth, &plan, &[], work.dir(), |what| errln!("    {what}"))
-        .map_err(|e| e.to_string())?;
+    let around = run.surroundings().map_err(|e| e.to_string())?;
+    let widening = scene.spec.rendering().widening(around.pixel());
+    let (evaluation, trained) =
+        evaluate_segments(scene, &around, &truth, &plan, &[], work.dir(), |what| errln!("    {what}"))
+            .map_err(|e| e.to_string())?;
     write_results(&run.paths().eval().join("segments"), &evaluation).map_err(|e| e.to_string())?;
 
     let mut found = by_colour(run, trained.coarse(), evaluation.time).map_err(|e| e.to_string())?;
@@ -145,7 +148,7 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
             }
         }
         frame += 1;
-        Some(at)
+        Some(at.widened(widening))
     };
     let followed = follow(at, &wanted, &[], &times, &FollowOptions::within(scene.spec.centre, scene.spec.half_size))
         .map_err(|e| e.to_string())?;

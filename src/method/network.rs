@@ -73,7 +73,7 @@ pub trait Network: Clone + Debug + Send + Sync + 'static {
         AdamConstants { betas: [0.9, 0.999], epsilon: 1e-8, sh_rest: 1.0 }
     }
 
-    /// Centre and half size of the region it shows, world units, as in [`Model::place`].
+    /// Centre and half size of the region it shows, scene units, as in [`Model::place`].
     fn place(&self, _: &Self::Spec) -> (DVec3, f64) {
         (DVec3::ZERO, 1.0)
     }

@@ -12,9 +12,9 @@ use volseggs_kernels::Camera;
 /// The distance, roll and field of view of a camera are ignored: it is treated as one of the training cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewSphere {
-    /// The point that they look at, world units.
+    /// The point that they look at, scene units.
     pub centre: DVec3,
-    /// Half the side length of the cube around it that they show, world units.
+    /// Half the side length of the cube around it that they show, scene units.
     pub half_size: f64,
     /// Their vertical axis: 0 x, 1 y, 2 z.
     pub up: usize,

@@ -37,7 +37,7 @@ impl SomeGaussians<'_> {
 /// The Gaussians of a scene at other times than the one at which they are looked at.
 #[derive(Clone, Debug, Default)]
 pub struct OtherTimes {
-    /// Positions `[N, 3]`, world units, at each of several times; none if nothing moves.
+    /// Positions `[N, 3]`, scene units, at each of several times; none if nothing moves.
     pub means: Vec<Vec<f32>>,
     /// Opacities `[N]` of [`Scene::opacity_at_other_times`].
     pub opacity: Vec<f32>,

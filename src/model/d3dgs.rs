@@ -18,7 +18,7 @@ use volseggs_kernels::splat::SplatInputs;
 const OUTPUTS: [usize; 3] = [3, 4, 3];
 /// Their sum.
 const OUTPUT_COLUMNS: usize = 10;
-/// Lower bound on a standard deviation after the changes, world units.
+/// Lower bound on a standard deviation after the changes, scene units.
 const MIN_SCALE: f32 = 1e-8;
 
 /// The network of the authors' code: eight layers of 256 with ReLU, whose input is concatenated again with the output
@@ -67,7 +67,7 @@ impl DeformationNetwork {
         Self { time, layers, output, config: config.clone() }
     }
 
-    /// Changes `[N, 10]` of mean, rotation and scale at positions `[N, 3]` (world units) and a time in [0, 1], or
+    /// Changes `[N, 10]` of mean, rotation and scale at positions `[N, 3]` (scene units) and a time in [0, 1], or
     /// slightly beyond with noise.
     pub fn forward(&self, positions: Tensor<2>, time: f32) -> Tensor<2> {
         let [n, _] = positions.dims();

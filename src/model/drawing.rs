@@ -28,7 +28,7 @@ pub trait Model: Debug + Send {
     /// The background colour, in training and in rendered images.
     fn background(&self) -> [f32; 3];
 
-    /// Centre and half size of what it shows, world units: for cameras whose target and distance are not otherwise
+    /// Centre and half size of what it shows, scene units: for cameras whose target and distance are not otherwise
     /// given.
     fn place(&self) -> (DVec3, f64) {
         (DVec3::ZERO, 1.0)

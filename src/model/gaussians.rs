@@ -15,7 +15,7 @@ pub struct Gaussians {
     pub means: Param<Tensor<2>>,
     /// Quaternions w, x, y, z `[N, 4]`, not necessarily of unit length.
     pub rotations: Param<Tensor<2>>,
-    /// Natural logarithm of the standard deviations `[N, 3]`, world units.
+    /// Natural logarithm of the standard deviations `[N, 3]`, scene units.
     pub log_scales: Param<Tensor<2>>,
     /// Opacity before the sigmoid `[N]`.
     pub opacity_logits: Param<Tensor<1>>,

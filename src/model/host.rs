@@ -21,11 +21,11 @@ fn widths(sh_stride: usize) -> [usize; 5] {
 /// N Gaussians, canonical or at one time; flat and row-major.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct HostGaussians {
-    /// Positions `[N, 3]`, world units.
+    /// Positions `[N, 3]`, scene units.
     pub means: Vec<f32>,
     /// Quaternions w, x, y, z `[N, 4]`, not necessarily of unit length.
     pub rotations: Vec<f32>,
-    /// Natural logarithm of the standard deviations `[N, 3]`, world units.
+    /// Natural logarithm of the standard deviations `[N, 3]`, scene units.
     pub log_scales: Vec<f32>,
     /// Opacity before the sigmoid `[N]`.
     pub opacity_logits: Vec<f32>,
@@ -187,6 +187,16 @@ impl HostGaussians {
     #[must_use]
     pub fn subset(&self, members: &[u32]) -> Self {
         self.map(|column| column.gather(members.iter().map(|&i| i as usize)))
+    }
+
+    /// The same, wider by a blur with this standard deviation, scene units; their opacity stays, as in a picture whose
+    /// dilation this is. What is not finite stays so.
+    #[must_use]
+    pub fn widened(mut self, by: f64) -> Self {
+        for log in self.log_scales.iter_mut().filter(|log| log.is_finite()) {
+            *log = f64::from(*log).exp().hypot(by).ln() as f32;
+        }
+        self
     }
 
     /// The same with unit quaternions, as other programs expect; a zero quaternion becomes the identity.

@@ -32,7 +32,7 @@ pub struct Layer {
 ///   at zero. PyTorch's default, which D3DGS keeps, is within 1 / sqrt(inputs): eight such layers initially shrink
 ///   differences between positions to a thousandth of those of their input, and learn more slowly (20.8 dB against 21.5
 ///   after 600 steps on `vortex` at 100x100, 3,000 Gaussians, one seed, with a ReLU after the eighth layer as well).
-/// - Points are relative to the field's box, in [-1, 1], not in world units. The encoding of time, in [0, 1], is used
+/// - Points are relative to the field's box, in [-1, 1], not in scene units. The encoding of time, in [0, 1], is used
 ///   directly, without the small network before it that D3DGS has for synthetic data.
 ///
 /// The default has 450,368 parameters. The paper's sizes (37.36 MiB with the implicit network, 43.48 with the hybrid

@@ -25,6 +25,12 @@ impl Rendering {
         SplatSettings { camera, background, sh_degree, dilation, path_opacity }
     }
 
+    /// The standard deviation by which the dilation widens Gaussians where a pixel has this side, in its unit.
+    #[must_use]
+    pub fn widening(&self, pixel: f64) -> f64 {
+        pixel * f64::from(self.dilation).sqrt()
+    }
+
     /// The same for Gaussians whose colour does not depend on the view.
     #[must_use]
     pub fn flat(self) -> Self {

@@ -21,9 +21,9 @@ use volseggs_kernels::splat::{SplatInputs, splat};
 pub struct SceneSpec {
     /// The model's configuration.
     pub model: ModelConfig,
-    /// Centre of the field's box, world units.
+    /// Centre of the field's box, scene units.
     pub centre: [f32; 3],
-    /// Half sides of the field's box, world units.
+    /// Half sides of the field's box, scene units.
     pub half_size: [f32; 3],
     /// Background colour of the training images.
     pub background: [f32; 3],
@@ -41,7 +41,7 @@ pub struct SceneSpec {
 }
 
 impl SceneSpec {
-    /// Centre of the field's box, world units: what cameras look at.
+    /// Centre of the field's box, scene units: what cameras look at.
     #[must_use]
     pub fn centre(&self) -> DVec3 {
         DVec3::from_array(self.centre.map(f64::from))

@@ -38,7 +38,7 @@ pub struct Components {
     pub weights: Vec<f64>,
 }
 
-/// Joins `points` `[M, 3]` that lie within `radius` of each other (inclusive, world units).
+/// Joins `points` `[M, 3]` that lie within `radius` of each other (inclusive, scene units).
 ///
 /// `weights` `[M]` (empty for 1 each) affect the filter alone. Non-finite points get label 0.
 ///
@@ -58,7 +58,7 @@ pub fn components_within(
 
 /// Joins Gaussians that touch: `distance <= factor * (radius_i + radius_j)`.
 ///
-/// `points` `[M, 3]` are the means and `radii` `[M]` their extents in world units, for instance [`largest_scales`].
+/// `points` `[M, 3]` are the means and `radii` `[M]` their extents in scene units, for instance [`largest_scales`].
 /// `factor` multiplies those radii: with standard deviations, 1 to 2 is usual. Points that are not finite, or whose
 /// radius is not positive and finite, get label 0. `weights` `[M]` (empty for 1 each) affect the filter alone.
 ///
@@ -77,7 +77,7 @@ pub fn components_touching(
     join(points, radii, factor, weights, filter)
 }
 
-/// Returns the largest standard deviation of each Gaussian `[N]` in world units, from `log_scales` `[N, 3]`.
+/// Returns the largest standard deviation of each Gaussian `[N]` in scene units, from `log_scales` `[N, 3]`.
 ///
 /// # Errors
 /// `log_scales` not a whole number of rows.

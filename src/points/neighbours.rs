@@ -37,7 +37,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Sorts `points` `[M, 3]` into cells of side `cell` (world units; ideally about the radius of the later queries).
+    /// Sorts `points` `[M, 3]` into cells of side `cell` (scene units; ideally about the radius of the later queries).
     ///
     /// # Errors
     /// `points` not a whole number of rows; `cell` not positive and finite.
@@ -165,7 +165,7 @@ impl Grid {
         self.ids.is_empty()
     }
 
-    /// Side of a cell in world units.
+    /// Side of a cell in scene units.
     pub fn cell(&self) -> f64 {
         self.cell
     }

@@ -11,7 +11,7 @@ pub const SPACINGS: f32 = 6.0;
 /// Settings of [`keep_mask`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutlierConfig {
-    /// Search radius in world units; `None` for [`SPACINGS`] times the median nearest-neighbour distance.
+    /// Search radius in scene units; `None` for [`SPACINGS`] times the median nearest-neighbour distance.
     pub radius: Option<f32>,
     /// Minimum number of other points within the radius.
     pub min_neighbours: u32,
@@ -29,7 +29,7 @@ impl Default for OutlierConfig {
 pub struct OutlierMask {
     /// `[M]`: true where the point is kept; always false for non-finite points.
     pub keep: Vec<bool>,
-    /// The radius used in world units; 0 where all points with a neighbour coincide.
+    /// The radius used in scene units; 0 where all points with a neighbour coincide.
     pub radius: f32,
 }
 

@@ -86,6 +86,17 @@ fn check_distance(flag: &str, distance: f64, half_size: f64) -> Result<(), RunEr
     Err(RunError::input(format!("{flag}: {problem}; choose a distance from the centre of {near:.1e} to {far:.1e}")))
 }
 
+impl OpenRun {
+    /// Returns the standard deviation by which drawing widens Gaussians at the scene's centre, in pictures of the size
+    /// that it was trained on, scene units: what is measured in space is what was seen.
+    ///
+    /// # Errors
+    /// As for [`OpenRun::surroundings`].
+    pub fn widening(&self) -> Result<f64, RunError> {
+        Ok(self.scene.spec.rendering().widening(self.surroundings()?.pixel()))
+    }
+}
+
 impl<S: Trained> OpenRun<S> {
     /// Returns the lens of the run's dataset and the sphere on which its cameras stand, as its record keeps them.
     ///

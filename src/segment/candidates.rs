@@ -88,7 +88,7 @@ pub struct Candidates<'a> {
 
 impl<'a> Candidates<'a> {
     /// Candidates among the Gaussians `at` (`[N]`, at the current time): `within` lists their indices `[M]`, ascending,
-    /// below N. The `field` is evaluated at `places` `[N, 3]`, world units, the positions at the time that it was
+    /// below N. The `field` is evaluated at `places` `[N, 3]`, scene units, the positions at the time that it was
     /// trained at; `frame` is its box. Candidates that are all Gaussians are taken for the whole scene, see
     /// [`Self::of_segment`].
     #[must_use]

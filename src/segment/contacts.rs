@@ -15,15 +15,15 @@ const REACH: f32 = 1.0;
 
 /// M Gaussians that are searched for neighbours.
 pub(super) struct Neighbourhood {
-    /// Positions `[M, 3]`, world units.
+    /// Positions `[M, 3]`, scene units.
     means: Vec<f32>,
-    /// Largest standard deviations `[M]`, world units.
+    /// Largest standard deviations `[M]`, scene units.
     radii: Vec<f32>,
     grid: Grid,
 }
 
 impl Neighbourhood {
-    /// Of Gaussians with these `means` `[M, 3]` and largest standard deviations `radii` `[M]`, world units.
+    /// Of Gaussians with these `means` `[M, 3]` and largest standard deviations `radii` `[M]`, scene units.
     ///
     /// # Errors
     /// If the means are not rows of three.
@@ -42,7 +42,7 @@ impl Neighbourhood {
             .map(|(k, _)| k)
     }
 
-    /// Returns the position of row `n`, world units.
+    /// Returns the position of row `n`, scene units.
     pub fn place(&self, n: usize) -> DVec3 {
         Vec3::from_array(point(&self.means, n)).as_dvec3()
     }

@@ -1,5 +1,7 @@
 //! Depth of the cells inside a body: the exact Euclidean distance transform of what the body's solid cells enclose.
 
+use crate::volume::grid::face_neighbours;
+
 /// Returns the distance in cells, `[z, y, x]`, from the centre of each cell to that of the nearest cell outside; 0
 /// outside. Outside are the cells that can be reached from the border of the grid across faces without entering a
 /// `solid` cell `[z, y, x]`. Solid cells must not lie in the border itself.
@@ -32,16 +34,7 @@ fn outside(solid: &[bool], [x, y, z]: [usize; 3]) -> Vec<bool> {
         .collect();
     open.iter().for_each(|&c| out[c] = true);
     while let Some(c) = open.pop() {
-        let (i, j, k) = (c % x, c / x % y, c / (x * y));
-        let next = [
-            (i > 0).then(|| c - 1),
-            (i + 1 < x).then(|| c + 1),
-            (j > 0).then(|| c - x),
-            (j + 1 < y).then(|| c + x),
-            (k > 0).then(|| c - x * y),
-            (k + 1 < z).then(|| c + x * y),
-        ];
-        for n in next.into_iter().flatten() {
+        for n in face_neighbours(c, [x, y, z]) {
             if !out[n] && !solid[n] {
                 out[n] = true;
                 open.push(n);

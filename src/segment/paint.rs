@@ -78,7 +78,7 @@ fn share(v: f32) -> f32 {
     if v.is_nan() { 0.0 } else { v.abs().min(1.0) }
 }
 
-/// The nearest and the farthest depth that `picture` shows, world units; `None` if it shows none.
+/// The nearest and the farthest depth that `picture` shows, scene units; `None` if it shows none.
 #[must_use]
 pub fn depth_range(picture: &Picture) -> Option<[f32; 2]> {
     let seen = picture.depth.iter().zip(picture.rgba.chunks_exact(4)).filter(|(_, p)| p[3] >= MIN_ALPHA);
@@ -89,7 +89,7 @@ pub fn depth_range(picture: &Picture) -> Option<[f32; 2]> {
 }
 
 /// The depth of `picture` as colours of a map (see [`named`]), `[H, W, 4]`: its end at `near` and nearer, its beginning
-/// at `far` and farther, world units; `background` where next to nothing is drawn.
+/// at `far` and farther, scene units; `background` where next to nothing is drawn.
 #[must_use]
 pub fn depth_colours(picture: &Picture, [near, far]: [f32; 2], background: [f32; 3], map: &str) -> Vec<f32> {
     let map = named(map).unwrap_or_default();

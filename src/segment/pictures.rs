@@ -15,7 +15,7 @@ pub struct Picture {
     pub height: usize,
     /// Colour over the background, and alpha, `[H, W, 4]`.
     pub rgba: Vec<f32>,
-    /// Mean depth of what is visible, world units, `[H, W]`; 0 where nothing is.
+    /// Mean depth of what is visible, scene units, `[H, W]`; 0 where nothing is.
     pub depth: Vec<f32>,
 }
 

@@ -83,7 +83,7 @@ struct Region {
     /// The opacity of the neighbours of its Gaussians that have their material: those in the region, and the others.
     neighbours: [f64; 2],
     /// Over its Gaussians, weighted by opacity: the steps to the mean of their neighbours in the region along the
-    /// direction to what they are in contact with, and the lengths of these steps, world units.
+    /// direction to what they are in contact with, and the lengths of these steps, scene units.
     steps: [f64; 2],
     /// The region of the other material that it is most in contact with, by opacity.
     facing: Option<usize>,

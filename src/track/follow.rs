@@ -48,7 +48,7 @@ pub struct FollowOptions {
 }
 
 impl FollowOptions {
-    /// Returns the defaults for a scene whose box has this centre and these half sides, world units.
+    /// Returns the defaults for a scene whose box has this centre and these half sides, scene units.
     #[must_use]
     pub fn within(centre: [f32; 3], half_size: [f32; 3]) -> Self {
         let grid = scene_grid(centre, half_size);

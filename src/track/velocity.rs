@@ -34,7 +34,7 @@ impl Component {
     }
 }
 
-/// Returns the velocities at `time` in [0, 1], `[N, 3]`, in world units per unit of time (the whole series lasts 1).
+/// Returns the velocities at `time` in [0, 1], `[N, 3]`, in scene units per unit of time (the whole series lasts 1).
 ///
 /// `means` returns the positions `[N, 3]` at a time. It is called for the times [`STEP`] before and after, clamped to
 /// [0, 1], so that differences at the ends are one-sided.

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Maximum number of grid cells (32 MiB of bits); a finer request is coarsened.
 const MAX_CELLS: f64 = (1u64 << 28) as f64;
 
-/// One ellipsoid: centre, rotation (columns are the axes), half axes, all in world units.
+/// One ellipsoid: centre, rotation (columns are the axes), half axes, all in scene units.
 #[derive(Debug, Clone, Copy)]
 pub struct Ellipsoid {
     /// Centre.
@@ -26,7 +26,7 @@ impl Ellipsoid {
     }
 }
 
-/// Returns the volume of the union of `ellipsoids` in cubic world units, and the cell side used.
+/// Returns the volume of the union of `ellipsoids` in cubic scene units, and the cell side used.
 ///
 /// A cell of the grid (side `cell`, borders at multiples of it, the same at all times) counts if its centre is inside
 /// an ellipsoid or an ellipsoid's centre is inside the cell. A sheet thinner than a cell therefore counts as about one

@@ -202,7 +202,7 @@ pub fn apply(rows: &[Row], g: &HostGaussians, seed: u64, step: usize) -> HostGau
     out
 }
 
-/// Draws an offset from the mean of Gaussian `j` by its distribution, world units.
+/// Draws an offset from the mean of Gaussian `j` by its distribution, scene units.
 fn offset(g: &HostGaussians, j: usize, rng: &mut Rng) -> glam::Vec3 {
     let scales: [f32; 3] = std::array::from_fn(|k| g.log_scales[3 * j + k].exp());
     let local = glam::Vec3::from_array(scales.map(|s| s * rng.normal()));

@@ -87,6 +87,22 @@ impl Grid {
     }
 }
 
+/// The voxels that share a face with voxel `index` of a grid with these numbers of voxels along x, y, z; x is the
+/// fastest in memory.
+#[must_use]
+pub fn face_neighbours(index: usize, [x, y, z]: [usize; 3]) -> impl Iterator<Item = usize> {
+    let [i, j, k] = [index % x, index / x % y, index / (x * y)];
+    let sides = [
+        (i > 0).then(|| index - 1),
+        (i + 1 < x).then(|| index + 1),
+        (j > 0).then(|| index - x),
+        (j + 1 < y).then(|| index + x),
+        (k > 0).then(|| index - x * y),
+        (k + 1 < z).then(|| index + x * y),
+    ];
+    sides.into_iter().flatten()
+}
+
 /// A scalar field at one time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Volume {

@@ -184,7 +184,9 @@ fn check(root: &Path, scene: &Scene, name: &str, ball: usize, tolerance: f64) ->
         let off = distance(triple(&row["centroid"]), centre);
         assert!(off < VOXEL, "{name} at {time}: {off} mm off; {row}");
         let velocity = triple(&row["velocity"]);
-        assert!(distance(velocity, exact) < 0.05 * speed.max(0.1), "{name} at {time}: {velocity:?}, not {exact:?}");
+        // what stands may drift by a voxel in all
+        let slack = if speed > 0.0 { 0.05 * speed } else { VOXEL / seconds };
+        assert!(distance(velocity, exact) < slack, "{name} at {time}: {velocity:?}, not {exact:?}");
         assert_eq!(row["status"], "tracked", "{row}");
         assert!(row["trained_distance"].as_f64().unwrap() < 1e-9, "{row}");
         let physical = TIMES[0] + seconds * time;
@@ -263,7 +265,6 @@ fn a_translucent_shell_and_its_opaque_core_have_their_own_places() {
 }
 
 #[test]
-#[ignore = "not reached: at time 0 a quarter of the ball is not taken for hidden, as trained surfaces let some light through"]
 fn a_ball_that_doubles_its_volume_does_so() {
     let scene = Scene {
         balls: vec![(|t: f64| ([0.0; 3], 13.0 * (1.0 + t).cbrt())) as Ball],
@@ -273,5 +274,7 @@ fn a_ball_that_doubles_its_volume_does_so() {
     };
     let folder = run(&scene);
     let root = folder.path();
-    check(root, &scene, &coloured(root, 0), 0, 0.1);
+    let ratios = check(root, &scene, &coloured(root, 0), 0, 0.1);
+    let growth = ratios[STEPS - 1] / ratios[0];
+    assert!((growth - 1.0).abs() < 0.05, "it grows by {} of what it should: {ratios:?}", growth);
 }

@@ -28,7 +28,7 @@ pub struct Seen<'a> {
     pub log_scales: &'a [f32],
     /// `[N]`
     pub logits: &'a [f32],
-    /// The eye, world units.
+    /// The eye, scene units.
     pub eye: Vec3,
     /// The exponent.
     pub exponent: f32,

@@ -45,7 +45,7 @@ pub trait PathBackwardOps: Backend {
 }
 
 /// Returns the opacity logits `[N]` of Gaussians at `means` `[N, 3]` with `rotations` `[N, 4]` (w, x, y, z, of any
-/// length) and `log_scales` `[N, 3]`, seen from `eye` (world units), from their base logits `[N]`; the formula is that of
+/// length) and `log_scales` `[N, 3]`, seen from `eye` (scene units), from their base logits `[N]`; the formula is that of
 /// [the module](super). Gradients reach all four. A Gaussian whose result is not finite passes no gradient on.
 ///
 /// # Panics

@@ -3,7 +3,7 @@
 /// One Gaussian and the eye.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen {
-    /// Position, world units.
+    /// Position, scene units.
     pub mean: [f64; 3],
     /// Quaternion w, x, y, z of any length; of length 0 for no rotation.
     pub rotation: [f64; 4],
@@ -11,7 +11,7 @@ pub struct Seen {
     pub log_scales: [f64; 3],
     /// Base opacity before the sigmoid.
     pub logit: f64,
-    /// The eye, world units.
+    /// The eye, scene units.
     pub eye: [f64; 3],
     /// The exponent p.
     pub exponent: f64,

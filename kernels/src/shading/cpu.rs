@@ -24,7 +24,7 @@ pub struct Lit<'a> {
     pub material: [f32; MATERIAL],
     /// The light.
     pub light: Light,
-    /// The eye, world units.
+    /// The eye, scene units.
     pub eye: Vec3,
 }
 

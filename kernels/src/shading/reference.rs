@@ -5,7 +5,7 @@ use super::Light;
 /// One Gaussian and its lighting.
 #[derive(Clone, Copy, Debug)]
 pub struct Lit {
-    /// Position, world units.
+    /// Position, scene units.
     pub mean: [f64; 3],
     /// Quaternion w, x, y, z of any length.
     pub rotation: [f64; 4],
@@ -15,7 +15,7 @@ pub struct Lit {
     pub normal: [f64; 3],
     /// The material in its trained form.
     pub material: [f64; 3],
-    /// The eye, world units.
+    /// The eye, scene units.
     pub eye: [f64; 3],
     /// The light.
     pub light: Light,

@@ -11,7 +11,7 @@ use burn::tensor::Tensor;
 pub struct CovarianceInputs {
     /// World positions `[N, 3]`.
     pub means: Tensor<2>,
-    /// Entries xx, xy, xz, yy, yz, zz of the symmetric covariances `[N, 6]`, world units squared. Compute them as
+    /// Entries xx, xy, xz, yy, yz, zz of the symmetric covariances `[N, 6]`, scene units squared. Compute them as
     /// products `M M^T`: a difference of matrices may be indefinite through rounding, and such a Gaussian is culled.
     /// The gradient with respect to an off-diagonal entry counts both of its positions.
     pub covariances: Tensor<2>,

@@ -180,7 +180,7 @@ pub struct SplatInputs {
     pub means: Tensor<2>,
     /// Quaternions w, x, y, z `[N, 4]`; normalised inside.
     pub rotations: Tensor<2>,
-    /// Natural logarithm of the standard deviations `[N, 3]`, world units.
+    /// Natural logarithm of the standard deviations `[N, 3]`, scene units.
     pub log_scales: Tensor<2>,
     /// Opacity before the sigmoid `[N]`.
     pub opacity_logits: Tensor<1>,

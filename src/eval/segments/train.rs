@@ -33,7 +33,7 @@ pub struct Lifted {
     pub field: AffinityField,
     /// The box of its positions.
     pub frame: Frame,
-    /// Spreads of the masks, world units, ascending.
+    /// Spreads of the masks, scene units, ascending.
     pub spreads: Vec<f32>,
 }
 

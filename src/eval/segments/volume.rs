@@ -20,21 +20,23 @@ pub struct Cells<'a> {
     volume: &'a TruthVolume,
     at: &'a HostGaussians,
     grid: Grid,
+    widening: f64,
 }
 
 impl<'a> Cells<'a> {
-    /// Takes all Gaussians of the scene, `[N]`, at the volume's time.
+    /// Takes all Gaussians of the scene, `[N]`, at the volume's time; drawing widens them by the standard deviation
+    /// `widening`, scene units.
     ///
     /// # Errors
     /// If arrays of the volume do not match its grid.
-    pub fn new(volume: &'a TruthVolume, at: &'a HostGaussians) -> Result<Self, PlaceError> {
+    pub fn new(volume: &'a TruthVolume, at: &'a HostGaussians, widening: f64) -> Result<Self, PlaceError> {
         let grid = Grid::aligned(volume.dims, volume.spacing, volume.origin);
         for (field, found) in [("ids", volume.ids.len()), ("opacity", volume.opacity.len())] {
             if found != grid.len() {
                 return Err(PlaceError::Shape { field, expected: grid.len(), found });
             }
         }
-        Ok(Self { volume, at, grid })
+        Ok(Self { volume, at, grid, widening })
     }
 
     /// Returns whether a cell that shows something has one of `ids`; a segment thinner than the cells may have none.
@@ -59,12 +61,12 @@ impl<'a> Cells<'a> {
     /// If arrays disagree.
     pub fn iou(&self, selected: &Selected, ids: &[u16]) -> Result<Option<f64>, PlaceError> {
         // Gaussians that were cut back reach other cells
-        let moved = selected.moves().then(|| selected.within(self.at));
-        let at = moved.as_ref().unwrap_or(self.at);
+        let at = if selected.moves() { selected.within(self.at) } else { self.at.clone() };
+        let at = at.widened(self.widening);
         let mut labels = vec![0; at.len()];
         selected.members.iter().for_each(|&i| labels[i as usize] = CHOSEN);
         let opacity = at.opacity();
-        let of_cells = Places::new(Cloud::new(at, &opacity, &labels), &self.grid, SHARE)?.labels();
+        let of_cells = Places::new(Cloud::new(&at, &opacity, &labels), &self.grid, SHARE)?.labels();
         // one after the other, for the same sum with any number of threads
         let (mut both, mut either) = (0.0f64, 0.0f64);
         for ((label, id), opacity) in of_cells.iter().zip(&self.volume.ids).zip(&self.volume.opacity) {

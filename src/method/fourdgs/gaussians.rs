@@ -21,7 +21,7 @@ pub struct Gaussians4d {
     pub means: Param<Tensor<2>>,
     /// Times of their peaks `[N]`.
     pub times: Param<Tensor<1>>,
-    /// Natural logarithms of the standard deviations along x, y, z (world units) and t `[N, 4]`, before the rotation.
+    /// Natural logarithms of the standard deviations along x, y, z (scene units) and t `[N, 4]`, before the rotation.
     pub log_scales: Param<Tensor<2>>,
     /// Left quaternions of the rotations (w, i, j, k) `[N, 4]`, see [`super::rotation_matrices`].
     pub left: Param<Tensor<2>>,

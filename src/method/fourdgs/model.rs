@@ -37,9 +37,9 @@ pub(super) struct Spec {
     /// Variance added to each Gaussian on the screen, pixels squared.
     #[serde(default = "widened_as_3dgs")] // scenes that predate this key can still be loaded
     pub dilation: f32,
-    /// Centre of the box of the initial Gaussians, world units.
+    /// Centre of the box of the initial Gaussians, scene units.
     pub centre: [f32; 3],
-    /// Half the side lengths of this box, world units.
+    /// Half the side lengths of this box, scene units.
     pub half_size: [f32; 3],
 }
 

@@ -6,7 +6,7 @@ use burn::tensor::{Device, Int, Tensor, TensorData};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Decay of a neighbour's weight with its distance, 1 / world units (published code).
+/// Decay of a neighbour's weight with its distance, 1 / scene units (published code).
 const WEIGHT_DECAY: f32 = 100.0;
 /// The duration over which motions are compared; the whole time range is 1 (published code).
 const INTERVAL: f32 = 0.1;

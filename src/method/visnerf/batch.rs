@@ -20,7 +20,7 @@ pub(super) struct Batch {
     pub samples: Samples,
     /// Colours `[R, 3]` over the background.
     pub colours: Vec<f32>,
-    /// World units between samples.
+    /// Scene units between samples.
     pub step: f32,
     /// The time of each ray, as an index of `mixtures`.
     of_rays: Vec<i32>,

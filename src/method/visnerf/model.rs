@@ -36,9 +36,9 @@ const PLACES: usize = 131_072;
 pub struct VisNerfSpec {
     /// Settings.
     pub config: VisNerfConfig,
-    /// Centre of the box, world units.
+    /// Centre of the box, scene units.
     pub centre: [f32; 3],
-    /// Half the side lengths of the box, world units.
+    /// Half the side lengths of the box, scene units.
     pub half: [f32; 3],
     /// Nodes of the grids along each axis.
     pub resolution: [usize; 3],
@@ -86,7 +86,7 @@ impl VisNerfSpec {
         if last > first { (time - first) / (last - first) } else { 0.0 }
     }
 
-    /// The distance between samples in rendered images, world units, and the number that fit into the box's diagonal.
+    /// The distance between samples in rendered images, scene units, and the number that fit into the box's diagonal.
     #[must_use]
     pub fn render_step(&self) -> (f32, usize) {
         let voxel = (0..3).map(|k| 2.0 * self.half[k] / (self.resolution[k] - 1) as f32).sum::<f32>() / 3.0;

@@ -89,7 +89,7 @@ pub enum SagaError {
     Points(#[from] PointsError),
 }
 
-/// Trains features for the Gaussians with `means` `[N, 3]` (world units) on views of them, whose scales are ranked
+/// Trains features for the Gaussians with `means` `[N, 3]` (scene units) on views of them, whose scales are ranked
 /// ([`rank_scales`](crate::segment::fine::views::rank_scales)); `progress` receives each step and its loss, and stops
 /// training by `false`.
 ///

@@ -19,7 +19,7 @@ pub struct AffinitySpec {
     pub time: f64,
     /// Fingerprint of the scene.
     pub scene: String,
-    /// Spreads of the masks, world units, ascending: scale `s` is the spread at index `s * (len - 1)`.
+    /// Spreads of the masks, scene units, ascending: scale `s` is the spread at index `s * (len - 1)`.
     pub spreads: Vec<f32>,
 }
 

@@ -37,9 +37,9 @@ pub struct AffinityField {
 /// have the same encoding.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Frame {
-    /// Centre, world units.
+    /// Centre, scene units.
     pub centre: [f32; 3],
-    /// Longest side, world units.
+    /// Longest side, scene units.
     pub side: f32,
 }
 

@@ -38,7 +38,7 @@ pub struct FineView {
     pub(super) offsets: Vec<u32>,
     /// Masks that cover each pixel, from small to large.
     pub(in crate::segment) covering: Vec<u32>,
-    /// For each mask, the spread of its Gaussians, world units; after [`rank_scales`], its rank among the masks of all
+    /// For each mask, the spread of its Gaussians, scene units; after [`rank_scales`], its rank among the masks of all
     /// views, in [0, 1].
     pub(in crate::segment) scales: Vec<f32>,
 }

@@ -3,6 +3,7 @@
 use super::Cloud;
 use crate::volume::grid::Grid;
 use glam::{DMat3, DQuat, DVec3};
+use volseggs_kernels::bell_rows::{Section, add_bell, add_depth};
 use volseggs_kernels::splat::ALPHA_MAX;
 
 /// Standard deviations at which a Gaussian ends. The density there is 1/90 of its maximum.
@@ -132,18 +133,12 @@ impl Bell {
         if low > high {
             return;
         }
-        let bell = |x: usize| {
-            let d = x as f64 - x0;
-            ((-0.5 * (lowest + a * d * d)) as f32).exp()
-        };
-        let cells = low as usize..=high as usize;
+        let cells = &mut row[low as usize - from..=high as usize - from];
+        let section = Section { lowest: lowest as f32, curvature: a as f32, start: (low - x0) as f32 };
         match profile {
-            Profile::Opacity => cells.for_each(|x| row[x - from] += self.opacity * bell(x)),
-            Profile::Drawn => cells.for_each(|x| row[x - from] -= self.density * (-self.opacity * bell(x)).ln_1p()),
-            Profile::Content => {
-                let peak = self.density * depth(self.opacity) as f32;
-                cells.for_each(|x| row[x - from] += peak * bell(x));
-            }
+            Profile::Opacity => add_bell(cells, section, self.opacity),
+            Profile::Drawn => add_depth(cells, section, self.opacity, self.density),
+            Profile::Content => add_bell(cells, section, self.density * depth(self.opacity) as f32),
         }
     }
 }

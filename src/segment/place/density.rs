@@ -72,6 +72,13 @@ impl Density {
     }
 }
 
+/// The extinction density of `bells` at all cells of a grid, `[z, y, x]`, by [`Profile::Content`].
+pub fn content(bells: &[Bell], dims: [usize; 3]) -> Vec<f32> {
+    let mut out = vec![0.0; dims.iter().product()];
+    Density::new(bells, Profile::Content).rows(dims, &mut out, |values, out| out.copy_from_slice(values));
+    out
+}
+
 /// For each slab of z of a box that begins at `first` the bells that reach it, in their order.
 fn by_slab(bells: &[Bell], first: usize, depth: usize) -> Vec<Vec<u32>> {
     let mut slabs = vec![Vec::new(); depth.div_ceil(SLAB)];

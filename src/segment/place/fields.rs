@@ -1,6 +1,6 @@
 //! Fields on a grid: the extinction density of Gaussians, and averages of their values weighted by it.
 //!
-//! The density is that of [`Profile::Content`], the optical depth per length of a path:
+//! The density is that of [`Profile::Content`](super::bell::Profile::Content), the optical depth per length of a path:
 //!
 //! ```text
 //! density(x) = sum_i s_i^2 / (sqrt(2 pi) a_i b_i c_i) tau_i exp(-d_i(x)^2 / 2)     tau_i = -ln(1 - opacity_i)
@@ -9,8 +9,8 @@
 //! with the distance `d_i` from the centre of Gaussian `i` in its standard deviations `a_i, b_i, c_i`, and `s_i` their
 //! geometric mean. Summed over space it is the Gaussian's content.
 
-use super::bell::{Bell, Profile};
-use super::density::{Density, bells};
+use super::bell::Bell;
+use super::density::{bells, content};
 use super::{Cloud, PlaceError};
 use crate::volume::grid::Grid;
 
@@ -34,7 +34,7 @@ impl Fields {
     pub fn new(cloud: &Cloud<'_>, grid: &Grid) -> Result<Self, PlaceError> {
         super::check(cloud, grid)?;
         let bells = bells(cloud, grid, super::smallest(grid));
-        let density = scatter(&bells, grid.dims);
+        let density = content(&bells, grid.dims);
         Ok(Self { dims: grid.dims, bells, density })
     }
 
@@ -46,20 +46,12 @@ impl Fields {
             let value = value(bell.index as usize);
             bell.clone().times(if value.is_finite() { value } else { 0.0 })
         });
-        let mut sum = scatter(&scaled.collect::<Vec<_>>(), self.dims);
+        let mut sum = content(&scaled.collect::<Vec<_>>(), self.dims);
         for (sum, density) in sum.iter_mut().zip(&self.density) {
             *sum = if *density > 0.0 { *sum / density } else { 0.0 };
         }
         sum
     }
-}
-
-/// Adds up densities on all cells of a grid.
-fn scatter(bells: &[Bell], dims: [usize; 3]) -> Vec<f32> {
-    let mut out = vec![0.0; dims.iter().product()];
-    let density = Density::new(bells, Profile::Content);
-    density.rows(dims, &mut out, |values, out| out.copy_from_slice(values));
-    out
 }
 
 #[cfg(test)]

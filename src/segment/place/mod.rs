@@ -9,6 +9,10 @@
 //! sigma_S(x) = sum over i in S of  s_i^2 / (sqrt(2 pi) a_i b_i c_i)  D_i(d_i(x))
 //! ```
 //!
+//! The Gaussians are those of a picture, widened by its dilation
+//! ([`HostGaussians::widened`](crate::model::HostGaussians::widened)): trained ones may be far smaller than a pixel, and
+//! still cover one.
+//!
 //! Density alone does not say where an opaque body ends: pictures only ask that its surface be dense enough, and say
 //! nothing of how dense. They say where a ray that just misses it passes. Such a ray stays in a layer of thickness s
 //! around a body of radius R over a length of `sqrt(2 pi R s)`. The *local opacity* of S is what it would absorb of that
@@ -34,19 +38,21 @@
 
 pub mod bell;
 pub mod density;
+mod edge;
 mod fields;
 mod measure;
 pub mod sight;
 #[cfg(test)]
 mod tests;
 
+pub use edge::Edge;
 pub use fields::Fields;
 pub use measure::Measure;
 
 use crate::model::HostGaussians;
-use crate::volume::grid::Grid;
+use crate::volume::grid::{Grid, face_neighbours};
 use bell::{Bell, Profile};
-use density::{Density, bells};
+use density::{Density, bells, content};
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::VecDeque;
@@ -58,15 +64,10 @@ pub const SHARE: f32 = 0.5;
 const CELLS: usize = 128;
 /// Share of a scene's box that is added on each side: a blur reaches beyond what it blurs.
 const BORDER: f64 = 0.03;
-/// Rounds in which volume and length of path are fitted to each other. The length enters by the root of its logarithm,
-/// so that the second changes the volume of a ball by less than 1 %.
-const ROUNDS: usize = 4;
 /// Smallest standard deviation of a Gaussian in cells (of the smallest spacing). With 0, flat Gaussians between the
 /// centres of cells leave holes: on a sphere of Gaussians a tenth of a cell thick half of the cells are missed, with 0.5
 /// none.
 const SMALLEST_SIGMA: f64 = 0.5;
-/// Cells per task of a sum; fixed, so that the sum is the same for any number of threads.
-const CHUNK: usize = 1 << 14;
 
 /// Gaussians at one time with the segment of each; flat and row-major.
 #[derive(Clone, Copy, Debug)]
@@ -133,7 +134,7 @@ pub enum PlaceError {
     Share(f32),
 }
 
-/// Returns the cells on which segments of a scene with this box, world units, are found: about 128 along its longest
+/// Returns the cells on which segments of a scene with this box, scene units, are found: about 128 along its longest
 /// side, cubes, the same at all times.
 #[must_use]
 pub fn scene_grid(centre: [f32; 3], half_size: [f32; 3]) -> Grid {
@@ -155,17 +156,6 @@ struct Cell {
     /// Label of the owner.
     owner: u16,
     hidden: bool,
-}
-
-/// Where one segment ends.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Edge {
-    /// The density at its edge, per unit of length.
-    pub density: f32,
-    /// The length `L_S`.
-    pub path: f64,
-    /// Its typical local opacity.
-    pub typical: f64,
 }
 
 /// A Gaussian in the cell that holds its centre.
@@ -206,7 +196,7 @@ impl<'a> Places<'a> {
         for party in bells.chunk_by(|a, b| a.label == b.label) {
             let label = party[0].label;
             let density = Density::new(party, Profile::Drawn);
-            let edge = edge(&density, party, grid, share);
+            let edge = Edge::new(&density, party, grid, share);
             density.rows(grid.dims, &mut cells, |values, cells| {
                 for (value, cell) in values.iter().zip(cells) {
                     if *value >= edge.density && *value > cell.density {
@@ -229,28 +219,17 @@ impl<'a> Places<'a> {
 
     /// Gives hidden places to the segment of the nearest place that is not.
     fn fill(&mut self, bells: &[Bell]) {
-        let mut total = vec![0.0f32; self.cells.len()];
-        Density::new(bells, Profile::Content)
-            .rows(self.grid.dims, &mut total, |values, out| out.copy_from_slice(values));
-        let hidden = sight::hidden(&total, &self.grid);
-        let [x, y, z] = self.grid.dims;
-        let around = |c: usize| {
-            let (i, j, k) = (c % x, c / x % y, c / (x * y));
-            [
-                (i > 0).then(|| c - 1),
-                (i + 1 < x).then(|| c + 1),
-                (j > 0).then(|| c - x),
-                (j + 1 < y).then(|| c + x),
-                (k > 0).then(|| c - x * y),
-                (k + 1 < z).then(|| c + x * y),
-            ]
-        };
-        let owned = |c: &usize| !hidden[*c] && self.cells[*c].density > 0.0;
-        let touches = |c: &usize| around(*c).into_iter().flatten().any(|n| hidden[n]);
-        let mut open: VecDeque<usize> = (0..hidden.len()).filter(|c| owned(c) && touches(c)).collect();
+        let hidden = sight::hidden(&content(bells, self.grid.dims), &self.grid);
+        let around = |c: usize| face_neighbours(c, self.grid.dims);
+        let inside = (0..hidden.len()).filter(|c| hidden[*c]);
+        let mut open: Vec<usize> =
+            inside.flat_map(around).filter(|c| !hidden[*c] && self.cells[*c].density > 0.0).collect();
+        open.sort_unstable();
+        open.dedup();
+        let mut open = VecDeque::from(open);
         while let Some(c) = open.pop_front() {
             let Cell { owner, density, .. } = self.cells[c];
-            for n in around(c).into_iter().flatten().filter(|n| hidden[*n]) {
+            for n in around(c).filter(|n| hidden[*n]) {
                 let cell = &mut self.cells[n];
                 if !cell.hidden {
                     // as opaque as can be
@@ -357,40 +336,6 @@ impl<'a> Places<'a> {
 /// The smallest standard deviation that a Gaussian counts with on a grid, in its units.
 fn smallest(grid: &Grid) -> f64 {
     SMALLEST_SIGMA * grid.spacing.iter().copied().fold(f64::INFINITY, f64::min)
-}
-
-/// Finds where the segment of `party` ends, whose density is `density`.
-fn edge(density: &Density, party: &[Bell], grid: &Grid, share: f32) -> Edge {
-    let content: f64 = party.iter().map(|bell| bell.content).sum();
-    let size = party.iter().map(|bell| bell.content * bell.size).sum::<f64>() / content;
-    let cell = grid.spacing.iter().product::<f64>();
-    let sums = |of: &(dyn Fn(f64) -> [f64; 2] + Sync)| {
-        let part = |values: &[f32]| {
-            values
-                .iter()
-                .filter(|v| **v > 0.0)
-                .map(|v| of(f64::from(*v)))
-                .fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]])
-        };
-        let parts: Vec<[f64; 2]> = density.values.par_chunks(CHUNK).map(part).collect();
-        parts.iter().fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]])
-    };
-    let mut edge = Edge { density: f32::MIN_POSITIVE, ..Edge::default() };
-    for _ in 0..ROUNDS {
-        let at_least = f64::from(edge.density);
-        let [cells, _] = sums(&|v| [if v >= at_least { 1.0 } else { 0.0 }, 0.0]);
-        let radius = (0.75 / std::f64::consts::PI * cells * cell).cbrt();
-        edge.path = (std::f64::consts::TAU * radius * size).sqrt();
-        let [sum, squares] = sums(&|v| {
-            let alpha = -(-v * edge.path).exp_m1();
-            [alpha, alpha * alpha]
-        });
-        edge.typical = if sum > 0.0 { squares / sum } else { 0.0 };
-        // below 1, which no density reaches
-        let alpha = (f64::from(share) * edge.typical).min(1.0 - f64::EPSILON);
-        edge.density = ((-(-alpha).ln_1p() / edge.path) as f32).max(f32::MIN_POSITIVE);
-    }
-    edge
 }
 
 /// Checks all arguments and returns the number of cells.

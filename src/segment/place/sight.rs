@@ -30,25 +30,55 @@ struct Light {
 
 /// Returns the hidden cells `[z, y, x]`, given the extinction density `[z, y, x]` of everything, per unit of length.
 ///
-/// A cell is hidden if matter in it would change no picture: of the light on the 13 lines through it and its
+/// A place is hidden if matter in it would change no picture: of the light on the 13 lines through it and its
 /// neighbours, all across the grid, less than 2 % gets through in the mean. A cavity that is open to the outside is not
 /// hidden though the lines end at its back: there, a quarter of the light or more leaves in the mean over the 26
-/// directions.
+/// directions. Light is followed on cells of twice the size, where it passes through fewer gaps between Gaussians that
+/// no picture resolves.
 pub fn hidden(density: &[f32], grid: &Grid) -> Vec<bool> {
-    let [x, y, _] = grid.dims;
-    let steps = steps(grid.spacing);
-    let (lines, ways) = (UNSEEN * steps.len() as f64, OPEN * 2.0 * steps.len() as f64);
     let mut hidden = vec![false; density.len()];
     let Some(reach) = reach(density, grid.dims) else { return hidden };
     // beyond the box of what there is, nothing is in the way
-    let dims = reach.map(|[low, high]| high + 1 - low);
-    let row = |r: usize| ((reach[2][0] + r / dims[1]) * y + reach[1][0] + r % dims[1]) * x + reach[0][0];
-    let boxed: Vec<f32> = (0..dims[1] * dims[2]).flat_map(|r| &density[row(r)..row(r) + dims[0]]).copied().collect();
-    let mut light = vec![Light::default(); boxed.len()];
+    let first = reach.map(|[low, _]| low);
+    let pairs = reach.map(|[low, high]| (high + 1 - low).div_ceil(2));
+    let dark = dark(&pooled(density, grid.dims, first, pairs), pairs, grid.spacing.map(|s| 2.0 * s));
+    let [x, y, z] = grid.dims;
+    for (row, dark) in dark.chunks_exact(pairs[0]).enumerate() {
+        let [j, k] = [first[1] + 2 * (row % pairs[1]), first[2] + 2 * (row / pairs[1])];
+        for (j, k) in [(j, k), (j + 1, k), (j, k + 1), (j + 1, k + 1)].into_iter().filter(|(j, k)| *j < y && *k < z) {
+            let start = (k * y + j) * x;
+            let row = &mut hidden[start + first[0]..start + x];
+            row.chunks_mut(2).zip(dark).for_each(|(pair, dark)| pair.fill(*dark));
+        }
+    }
+    hidden
+}
+
+/// The mean density of groups of two cells along each axis, `pairs` of them from the cell `first`; beyond the grid there
+/// is nothing.
+fn pooled(density: &[f32], [x, y, z]: [usize; 3], first: [usize; 3], pairs: [usize; 3]) -> Vec<f32> {
+    let mut out = vec![0.0f32; pairs.iter().product()];
+    out.par_chunks_mut(pairs[0]).enumerate().for_each(|(row, out)| {
+        let [j, k] = [first[1] + 2 * (row % pairs[1]), first[2] + 2 * (row / pairs[1])];
+        for (j, k) in [(j, k), (j + 1, k), (j, k + 1), (j + 1, k + 1)].into_iter().filter(|(j, k)| *j < y && *k < z) {
+            let start = (k * y + j) * x;
+            for (out, pair) in out.iter_mut().zip(density[start + first[0]..start + x].chunks(2)) {
+                *out += 0.125 * pair.iter().sum::<f32>();
+            }
+        }
+    });
+    out
+}
+
+/// Which cells of a density, all alike, are hidden.
+fn dark(density: &[f32], dims: [usize; 3], spacing: [f64; 3]) -> Vec<bool> {
+    let steps = steps(spacing);
+    let (lines, ways) = (UNSEEN * steps.len() as f64, OPEN * 2.0 * steps.len() as f64);
+    let mut light = vec![Light::default(); density.len()];
     for step in &steps {
         let (there, back) =
-            rayon::join(|| sums_beyond(&boxed, dims, step.by), || sums_beyond(&boxed, dims, step.by.map(|b| -b)));
-        let chunks = light.par_chunks_mut(CHUNK).zip(boxed.par_chunks(CHUNK));
+            rayon::join(|| sums_beyond(density, dims, step.by), || sums_beyond(density, dims, step.by.map(|b| -b)));
+        let chunks = light.par_chunks_mut(CHUNK).zip(density.par_chunks(CHUNK));
         chunks.zip(there.par_chunks(CHUNK).zip(back.par_chunks(CHUNK))).for_each(|((light, own), (there, back))| {
             for ((light, own), (there, back)) in light.iter_mut().zip(own).zip(there.iter().zip(back)) {
                 // once a cell is seen, nothing hides it
@@ -60,11 +90,7 @@ pub fn hidden(density: &[f32], grid: &Grid) -> Vec<bool> {
             }
         });
     }
-    for (r, light) in light.chunks_exact(dims[0]).enumerate() {
-        let seen = light.iter().map(|light| light.through < lines && light.out < ways);
-        hidden[row(r)..row(r) + dims[0]].iter_mut().zip(seen).for_each(|(hidden, is)| *hidden = is);
-    }
-    hidden
+    light.iter().map(|light| light.through < lines && light.out < ways).collect()
 }
 
 /// Returns for each cell the sum of the densities of the cells that follow it in steps `by`.

@@ -79,7 +79,7 @@ $("chart-start").onclick = async () => {
   if (!segments.length) return;
   const label = $("chart-start").textContent;
   Object.assign($("chart-start"), { disabled: true, textContent: "measuring …" });
-  await ask({ type: "track", segments, times: 25 }).catch((message) => say(message, true));
+  await ask({ type: "track", segments, times: 51 }).catch((message) => say(message, true));
   Object.assign($("chart-start"), { disabled: false, textContent: label });
 };
 hear("track", (message) => { track = message; show(); });

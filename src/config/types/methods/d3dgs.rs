@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct D3dgsConfig {
-    /// Octaves of the encoding of a position p as p, sin(2^k p) and cos(2^k p), k from 0; world units.
+    /// Octaves of the encoding of a position p as p, sin(2^k p) and cos(2^k p), k from 0; scene units.
     pub octaves: usize,
     /// Octaves of the encoding of time.
     pub time_octaves: usize,
