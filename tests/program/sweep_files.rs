@@ -14,11 +14,18 @@ use volseggs::sweep::file::{SweepFile, name_of};
 /// Where the files are; a new one is found.
 const FOLDERS: [&str; 3] = ["configs/ablations", "configs/tables", "configs/sweeps"];
 
-/// Images of 32x32 pixels, of volumes of 24^3 voxels.
-const SCENES: [&str; 3] = ["size=32", "voxels=24", "test_views=10"];
+/// Images of volumes of 24^3 voxels.
+const SCENES: [&str; 2] = ["voxels=24", "test_views=10"];
+/// Pixels along a side of the images.
+const SMALL: [&str; 1] = ["size=32"];
+/// In smaller images no mask covers a bead; a few label images are enough.
+const LABELLED: [&str; 3] = ["size=48", "times=2", "segment_views=2"];
 
 /// A run ends after its first step (0 would be no limit), whatever number of steps its variant has.
 const ONE_STEP: &str = "output.max_minutes=1e-6";
+
+/// With halving, runs are compared at the steps where some are stopped: the steps stay, in a small field.
+const SMALL_FIELD: &str = "model.resolution=8";
 
 /// Few Gaussians, where a variant does not say how many.
 const FEW: [&str; 2] = ["init.points=300", "densify.budget=300"];
@@ -62,13 +69,13 @@ fn sweep(path: &Path, out: &Path) -> Command {
     // GPUs have tests of their own
     command.args(["--devices", if file.devices.len() > 1 { "flex,ndarray" } else { "flex" }]);
     let few = if text.contains("data.views_per_time") { "times=2" } else { "views=2" };
-    command.args(SCENES.iter().chain([&few]).flat_map(|key| ["--synthetic", key]));
+    let own: &[&str] = if file.segments.is_some() { &LABELLED } else { &SMALL };
+    command.args(SCENES.iter().chain([&few]).chain(own).flat_map(|key| ["--synthetic", key]));
     // methods without Gaussians refuse their keys
     let gaussians = FEW.iter().filter(|_| file.variant.iter().all(|variant| variant.config.is_none()));
     let segments = SEGMENTS.iter().filter(|_| file.segments.is_some());
-    // with halving, runs are compared at the steps where some are stopped
-    let end = [&ONE_STEP].into_iter().filter(|_| file.halving.is_none());
-    command.args(gaussians.chain(segments).chain(end).flat_map(|key| ["--set", key]));
+    let end = if file.halving.is_some() { &SMALL_FIELD } else { &ONE_STEP };
+    command.args(gaussians.chain(segments).chain([end]).flat_map(|key| ["--set", key]));
     command
 }
 

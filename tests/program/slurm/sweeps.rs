@@ -87,10 +87,13 @@ fn all(state: &'static str) -> impl Fn(&[Value]) -> bool {
     move |status| status.iter().all(|s| s["state"] == state)
 }
 
-/// Returns the steps that the logs of a run's processes report, in order: `120/4000 3 s ...`.
+/// Returns the steps that the logs of a run's processes report, in order: `120/4000 3 s, 1.2 h left ...`.
 fn steps(log: &str) -> Vec<usize> {
-    let step =
-        |line: &str| line.split_once('/').and_then(|(step, rest)| rest.contains(" s ").then(|| step.parse().ok())?);
+    let step = |line: &str| {
+        let mut words = line.split(' ');
+        let (step, _) = words.next()?.split_once('/')?;
+        words.nth(1)?.starts_with('s').then(|| step.parse().ok())?
+    };
     log.lines().filter_map(step).collect()
 }
 
