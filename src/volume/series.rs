@@ -7,6 +7,8 @@ mod inputs;
 mod meaning_tests;
 mod names;
 mod notes;
+#[cfg(test)]
+mod packed_tests;
 mod pieces;
 mod place;
 mod rounding;

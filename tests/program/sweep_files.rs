@@ -84,16 +84,16 @@ fn is_large(path: &Path) -> bool {
     name_of(path).ends_with("-paper")
 }
 
-/// Keys of the runs to do: one of each method that is not yet `covered`, the first of the last one's method, and of small
-/// files the last one. All others have been resolved and checked for the plan.
-fn chosen(plan: &Value, large: bool, covered: &mut BTreeSet<String>) -> BTreeSet<String> {
+/// Keys of the runs to do: the last one, one of each method that is not yet `covered`, and the first one if some are to
+/// be stopped. All others have been resolved and checked for the plan.
+fn chosen(plan: &Value, halving: bool, covered: &mut BTreeSet<String>) -> BTreeSet<String> {
     let method = |run: &Value| toml::from_str::<Config>(run["config"].as_str().unwrap()).unwrap().method;
-    let runs: Vec<(String, &Value)> = plan["runs"].as_array().unwrap().iter().map(|run| (method(run), run)).collect();
-    let last = runs.last().unwrap();
-    let first = runs.iter().find(|(method, _)| *method == last.0);
-    let new = runs.iter().filter(|(method, _)| covered.insert(method.clone()));
-    let all: Vec<&(String, &Value)> = new.chain(first).chain([last].into_iter().filter(|_| !large)).collect();
-    all.into_iter().map(|(_, run)| run["key"].as_str().unwrap().to_owned()).collect()
+    let runs = plan["runs"].as_array().unwrap();
+    let new = runs.iter().filter(|run| covered.insert(method(run)));
+    new.chain(runs.last())
+        .chain(runs.first().filter(|_| halving))
+        .map(|run| run["key"].as_str().unwrap().to_owned())
+        .collect()
 }
 
 #[test]
@@ -109,16 +109,17 @@ fn every_sweep_file_runs_to_its_report() {
             assert!(said.status.success(), "{}: {}", path.display(), String::from_utf8_lossy(&said.stderr));
             serde_json::from_slice(&said.stdout).unwrap()
         };
-        let keys = chosen(&object(sweep(&path, &out).arg("--dry-run"))["plan"], is_large(&path), &mut covered);
+        let file = SweepFile::read(&path).unwrap();
+        let halving = file.halving.is_some();
+        let keys = chosen(&object(sweep(&path, &out).arg("--dry-run"))["plan"], halving, &mut covered);
         let results = object(sweep(&path, &out).args(keys.iter().flat_map(|key| ["--only", key])));
         let report = out.join(name_of(&path));
         assert_eq!(results["outcomes"], json(&report.join("results.json"))["set"]["outcomes"]);
         let is_chosen = |o: &&Value| keys.iter().any(|key| o["run"].as_str().unwrap().ends_with(key.as_str()));
         let of_chosen: Vec<&Value> = results["outcomes"].as_array().unwrap().iter().filter(is_chosen).collect();
         let done: Vec<&&Value> = of_chosen.iter().filter(|o| o["state"] == "done").collect();
-        let file = SweepFile::read(&path).unwrap();
         // some are stopped, some segments cannot be clicked in such small images
-        let some = file.halving.is_some() || file.segments.is_some();
+        let some = halving || file.segments.is_some();
         assert!(!done.is_empty() && (some || done.len() == of_chosen.len()), "{}: {of_chosen:?}", path.display());
         for name in ["report.html", "report.md", "table.tex", "results.csv"] {
             assert!(report.join(name).is_file(), "{}: no {name}", path.display());
