@@ -89,7 +89,6 @@ impl Grid {
 
 /// The voxels that share a face with voxel `index` of a grid with these numbers of voxels along x, y, z; x is the
 /// fastest in memory.
-#[must_use]
 pub fn face_neighbours(index: usize, [x, y, z]: [usize; 3]) -> impl Iterator<Item = usize> {
     let [i, j, k] = [index % x, index / x % y, index / (x * y)];
     let sides = [
