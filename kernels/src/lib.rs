@@ -3,8 +3,8 @@
 //! One folder per op, each with the same files: `mod.rs` (the public function on tensors and the backend trait),
 //! `reference.rs` (plain f64 loops, the oracle of the tests), `ops.rs` or `autodiff.rs` (gradient registration), `cpu`
 //! (the fast kernels over slices, shared by every CPU backend) and `cube` (the GPU kernels, with the feature `wgpu` or
-//! `cuda`). `bell_rows` is a function over slices, no op. `contributors` is in `splat`, whose compositing rule it shares. `changes`, `shading` and `sine` are ops on
-//! the CPU and tensor operations on GPUs.
+//! `cuda`). `contributors` is in `splat`, whose compositing rule it shares. `changes`, `shading` and `sine` are ops on
+//! the CPU and tensor operations on GPUs. `bell_rows` has functions over slices and is no op.
 //!
 //! This crate does not deal with files, configurations or the command line.
 #![allow(deprecated)] // burn deprecates the NdArray backend in favour of Flex; both are supported here.

@@ -106,10 +106,9 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
         mask_alpha: None,
     };
     let work = AtomicDir::create(&run.paths().eval().join("masks")).map_err(|e| e.to_string())?;
-    let around = run.surroundings().map_err(|e| e.to_string())?;
-    let widening = scene.spec.rendering().widening(around.pixel());
+    let widening = run.widening().map_err(|e| e.to_string())?;
     let (evaluation, trained) =
-        evaluate_segments(scene, &around, &truth, &plan, &[], work.dir(), |what| errln!("    {what}"))
+        evaluate_segments(scene, widening, &truth, &plan, &[], work.dir(), |what| errln!("    {what}"))
             .map_err(|e| e.to_string())?;
     write_results(&run.paths().eval().join("segments"), &evaluation).map_err(|e| e.to_string())?;
 

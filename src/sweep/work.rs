@@ -212,11 +212,11 @@ impl Worker<'_> {
         }
         let options = spec.options(seed).map_err(failed("segments"))?;
         let truth = Truth::read(data).map_err(failed("segments"))?;
-        let around = trained.surroundings().map_err(failed("segments"))?;
+        let widening = trained.widening().map_err(failed("segments"))?;
         // never committed: it is removed when this ends, or now if an earlier process was killed
         let work = AtomicDir::create(&self.folder.join("masks")).map_err(failed("segments"))?;
         let (mut evaluation, _) =
-            segments::evaluate_segments(&trained.scene, &around, &truth, &options, networks, work.dir(), |what| {
+            segments::evaluate_segments(&trained.scene, widening, &truth, &options, networks, work.dir(), |what| {
                 errln!("{what}")
             })
             .map_err(failed("segments"))?;

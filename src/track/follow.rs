@@ -79,8 +79,8 @@ pub struct Followup {
 }
 
 /// Tracks `segments` over `times`, in their order, forward or backward. `others` are the Gaussians of further segments,
-/// which occupy places too. `scene` returns the Gaussians of a time; if it returns `None`, tracking stops and also
-/// returns `None`.
+/// which occupy places too. `scene` returns the Gaussians of a time, as wide as they are drawn; if it returns `None`,
+/// tracking stops and also returns `None`.
 ///
 /// # Errors
 /// If a member is not a Gaussian of the scene, or an option is out of range.

@@ -13,7 +13,7 @@ use super::target::{Target, targets};
 use super::train::{Trained, Trainers};
 use super::truth::labelled;
 use super::volume::Cells;
-use crate::data::{Surroundings, Truth};
+use crate::data::Truth;
 use crate::eval::results::DataId;
 use crate::export::images::to_rgb8;
 use crate::metrics::lpips::Lpips;
@@ -24,14 +24,15 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
-/// Runs an evaluation of a scene that was trained in these surroundings; `work` is a folder for temporary files, and
-/// `say` receives messages about progress. Returns it with what the methods have learnt before the clicks.
+/// Runs an evaluation of a scene whose Gaussians drawing widens by the standard deviation `widening`, scene units;
+/// `work` is a folder for temporary files, and `say` receives messages about progress. Returns it with what the methods
+/// have learnt before the clicks.
 ///
 /// # Errors
 /// If the ground truth is missing, masks cannot be used, or a method failed.
 pub fn evaluate_segments(
     scene: &Scene,
-    around: &Surroundings,
+    widening: f64,
     truth: &Truth,
     options: &SegmentOptions,
     networks: &[Lpips],
@@ -96,8 +97,7 @@ pub fn evaluate_segments(
     for &volume_time in &volume_times {
         say(&format!("IoU in space at time {volume_time:.3}"));
         let volume = truth.volume(volume_time)?;
-        let cells = Cells::new(&volume, deformed.at(volume_time), scene.spec.rendering().widening(around.pixel()))
-            .map_err(|e| e.to_string())?;
+        let cells = Cells::new(&volume, deformed.at(volume_time), widening).map_err(|e| e.to_string())?;
         if nearest(volume_times.iter().copied(), time) == Some(volume_time) {
             evaluation.labelled_share = cells.labelled_share();
         }

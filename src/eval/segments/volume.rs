@@ -19,6 +19,8 @@ const CHOSEN: u32 = 1;
 pub struct Cells<'a> {
     volume: &'a TruthVolume,
     at: &'a HostGaussians,
+    /// The same as wide as they are drawn.
+    drawn: HostGaussians,
     grid: Grid,
     widening: f64,
 }
@@ -36,7 +38,7 @@ impl<'a> Cells<'a> {
                 return Err(PlaceError::Shape { field, expected: grid.len(), found });
             }
         }
-        Ok(Self { volume, at, grid, widening })
+        Ok(Self { volume, at, drawn: at.clone().widened(widening), grid, widening })
     }
 
     /// Returns whether a cell that shows something has one of `ids`; a segment thinner than the cells may have none.
@@ -61,12 +63,12 @@ impl<'a> Cells<'a> {
     /// If arrays disagree.
     pub fn iou(&self, selected: &Selected, ids: &[u16]) -> Result<Option<f64>, PlaceError> {
         // Gaussians that were cut back reach other cells
-        let at = if selected.moves() { selected.within(self.at) } else { self.at.clone() };
-        let at = at.widened(self.widening);
+        let moved = selected.moves().then(|| selected.within(self.at).widened(self.widening));
+        let at = moved.as_ref().unwrap_or(&self.drawn);
         let mut labels = vec![0; at.len()];
         selected.members.iter().for_each(|&i| labels[i as usize] = CHOSEN);
         let opacity = at.opacity();
-        let of_cells = Places::new(Cloud::new(&at, &opacity, &labels), &self.grid, SHARE)?.labels();
+        let of_cells = Places::new(Cloud::new(at, &opacity, &labels), &self.grid, SHARE)?.labels();
         // one after the other, for the same sum with any number of threads
         let (mut both, mut either) = (0.0f64, 0.0f64);
         for ((label, id), opacity) in of_cells.iter().zip(&self.volume.ids).zip(&self.volume.opacity) {

@@ -29,6 +29,8 @@ pub struct Bell {
     pub reach: [[u32; 2]; 3],
     /// Its linear opacity, as drawing limits it.
     opacity: f32,
+    /// The optical depth of a ray through its centre.
+    depth: f32,
     /// Factor from optical depth to extinction density: one over the length of the path through its centre, less where
     /// it was widened.
     density: f32,
@@ -96,10 +98,12 @@ impl Bell {
         let whiten =
             DMat3::from_diagonal(1.0 / sigma) * axes.transpose() * DMat3::from_diagonal(DVec3::from(grid.spacing));
         let size = product.cbrt();
-        let content = depth(opacity) * std::f64::consts::TAU * size * size;
+        let depth = depth(opacity);
+        let content = depth * std::f64::consts::TAU * size * size;
         let density = (size * size / (std::f64::consts::TAU.sqrt() * sigma.element_product())) as f32;
         let (label, opacity) = (cloud.labels[i], opacity.min(ALPHA_MAX));
-        let found = Self { index: i as u32, label, reach, opacity, density, size, content, centre, whiten };
+        let depth = depth as f32;
+        let found = Self { index: i as u32, label, reach, opacity, depth, density, size, content, centre, whiten };
         (whiten.is_finite() && density.is_finite()).then_some(found)
     }
 
@@ -138,7 +142,7 @@ impl Bell {
         match profile {
             Profile::Opacity => add_bell(cells, section, self.opacity),
             Profile::Drawn => add_depth(cells, section, self.opacity, self.density),
-            Profile::Content => add_bell(cells, section, self.density * depth(self.opacity) as f32),
+            Profile::Content => add_bell(cells, section, self.density * self.depth),
         }
     }
 }

@@ -68,7 +68,6 @@ impl Density {
                 each(values, &mut out[row..row + dx]);
             }
         });
-        debug_assert!(dy > 0);
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::volume::grid::Grid;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Share of a ray's light up to which trained pictures do not tell whether anything is in its way: their usual error,
 /// that of a PSNR of 34 dB.
@@ -42,27 +43,33 @@ pub fn hidden(density: &[f32], grid: &Grid) -> Vec<bool> {
     let first = reach.map(|[low, _]| low);
     let pairs = reach.map(|[low, high]| (high + 1 - low).div_ceil(2));
     let dark = dark(&pooled(density, grid.dims, first, pairs), pairs, grid.spacing.map(|s| 2.0 * s));
-    let [x, y, z] = grid.dims;
     for (row, dark) in dark.chunks_exact(pairs[0]).enumerate() {
-        let [j, k] = [first[1] + 2 * (row % pairs[1]), first[2] + 2 * (row / pairs[1])];
-        for (j, k) in [(j, k), (j + 1, k), (j, k + 1), (j + 1, k + 1)].into_iter().filter(|(j, k)| *j < y && *k < z) {
-            let start = (k * y + j) * x;
-            let row = &mut hidden[start + first[0]..start + x];
-            row.chunks_mut(2).zip(dark).for_each(|(pair, dark)| pair.fill(*dark));
+        for cells in rows_of(row, grid.dims, first, pairs) {
+            hidden[cells].chunks_mut(2).zip(dark).for_each(|(pair, dark)| pair.fill(*dark));
         }
     }
     hidden
 }
 
+/// The up to four rows of cells that a row of pairs along x is made of, from the cell `first` on.
+fn rows_of(
+    row: usize,
+    [x, y, z]: [usize; 3],
+    first: [usize; 3],
+    pairs: [usize; 3],
+) -> impl Iterator<Item = Range<usize>> {
+    let [j, k] = [first[1] + 2 * (row % pairs[1]), first[2] + 2 * (row / pairs[1])];
+    let inside = [(j, k), (j + 1, k), (j, k + 1), (j + 1, k + 1)].into_iter().filter(move |(j, k)| *j < y && *k < z);
+    inside.map(move |(j, k)| (k * y + j) * x).map(move |start| start + first[0]..start + x)
+}
+
 /// The mean density of groups of two cells along each axis, `pairs` of them from the cell `first`; beyond the grid there
 /// is nothing.
-fn pooled(density: &[f32], [x, y, z]: [usize; 3], first: [usize; 3], pairs: [usize; 3]) -> Vec<f32> {
+fn pooled(density: &[f32], dims: [usize; 3], first: [usize; 3], pairs: [usize; 3]) -> Vec<f32> {
     let mut out = vec![0.0f32; pairs.iter().product()];
     out.par_chunks_mut(pairs[0]).enumerate().for_each(|(row, out)| {
-        let [j, k] = [first[1] + 2 * (row % pairs[1]), first[2] + 2 * (row / pairs[1])];
-        for (j, k) in [(j, k), (j + 1, k), (j, k + 1), (j + 1, k + 1)].into_iter().filter(|(j, k)| *j < y && *k < z) {
-            let start = (k * y + j) * x;
-            for (out, pair) in out.iter_mut().zip(density[start + first[0]..start + x].chunks(2)) {
+        for cells in rows_of(row, dims, first, pairs) {
+            for (out, pair) in out.iter_mut().zip(density[cells].chunks(2)) {
                 *out += 0.125 * pair.iter().sum::<f32>();
             }
         }
