@@ -44,6 +44,7 @@ pub mod sweep;
 pub mod tensors;
 pub mod track;
 pub mod train;
+pub mod versioned;
 #[cfg(feature = "view")]
 pub mod view;
 pub mod volume;

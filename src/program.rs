@@ -62,7 +62,7 @@ pub fn short(digest: &str) -> &str {
     digest.get(..SHORT).unwrap_or(digest)
 }
 
-/// Names a build within a sentence; early versions did not record theirs.
+/// Names a build within a sentence; it is empty where the program could not read its own file.
 #[must_use]
 pub fn build_label(build: &str) -> String {
     if build.is_empty() { "a build that was not recorded".to_owned() } else { format!("build {}", short(build)) }

@@ -77,8 +77,8 @@ pub fn sign(bytes: &mut [u8]) -> Result<(), SafeTensorError> {
     Ok(())
 }
 
-/// Returns the bytes of a tensor file after verifying its digest. A file without one, from another program or an early
-/// version, is only checked for its format.
+/// Returns the bytes of a tensor file after verifying its digest. A file without one, from another
+/// program, is only checked for its format.
 ///
 /// # Errors
 /// If the file cannot be read, is not a safetensors file, or its bytes differ from those that were written.

@@ -60,10 +60,7 @@ impl ViewArgs {
 }
 
 /// The surroundings of a run, `width` pixels wide if that is given.
-///
-/// # Errors
-/// If they are unknown, see [`OpenRun::surroundings`].
-pub(super) fn surroundings<S: Trained>(run: &OpenRun<S>, width: Option<u32>) -> Result<Surroundings, CliError> {
-    let around = run.surroundings()?;
-    Ok(width.map_or(around, |width| around.sized(width)))
+pub(super) fn surroundings<S: Trained>(run: &OpenRun<S>, width: Option<u32>) -> Surroundings {
+    let around = run.record.surroundings;
+    width.map_or(around, |width| around.sized(width))
 }

@@ -30,9 +30,6 @@ pub struct CompareArgs {
 impl CompareArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let set = from_folders(&self.runs, &self.metrics).map_err(CliError::input)?;
-        if let Some(note) = set.speed_note() {
-            errln!("note: {note}");
-        }
         let text = match &self.out {
             Some(out) => replace_report(out, &set).map_err(|e| match e {
                 WriteError::Replace(e) => e.into(),

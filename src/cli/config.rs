@@ -2,7 +2,6 @@
 
 use super::CliError;
 use crate::config::layers::{ConfigError, Layers, Resolved, file_schema};
-use crate::config::legacy::implied;
 use crate::config::types::Config;
 use crate::config::{PRESETS, RESERVED_VARIABLES};
 use crate::files::is_user_error;
@@ -65,11 +64,9 @@ impl ConfigSource {
                 run_config.display()
             )));
         }
-        let table: Option<toml::Table> = std::fs::read_to_string(run_config).ok().and_then(|text| text.parse().ok());
-        let kept = table.iter().flat_map(implied).map(|(key, value)| format!("{key}={value}"));
-        let set = kept.chain(self.set.iter().cloned()).collect();
-        let config = Some(run_config.to_string_lossy().into_owned());
-        Self { method: self.method.clone(), config, set }.resolve()
+        let config = run_config.to_string_lossy().into_owned();
+        Layers::new(PRESETS).source(&config).resolve::<Config>()?.complete(run_config)?;
+        Self { config: Some(config), ..self.clone() }.resolve()
     }
 }
 
@@ -104,7 +101,7 @@ impl ConfigArgs {
         match self.action {
             Action::Show { source, json } => {
                 let resolved = source.resolve()?;
-                method::check_new(&resolved.value)?;
+                method::check(&resolved.value)?;
                 if json { super::print_json(&resolved.value)? } else { out!("{}", resolved.show()) }
             }
             Action::Schema => super::print_json(&file_schema(&Config::default()))?,

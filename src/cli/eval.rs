@@ -15,6 +15,7 @@ use crate::memory::MIB;
 use crate::metrics::lpips::{Lpips, LpipsNet};
 use crate::run::measure::{MeasuredOn, measure};
 use crate::run::{AnyRun, OpenRun, RunError, Trained};
+use crate::versioned::Versioned;
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -94,7 +95,7 @@ impl EvalArgs {
         bar.finish_and_clear();
         let s = &evaluation.summary;
         if self.common.json {
-            return print_json(s);
+            return print_json(&Versioned::new(s));
         }
         let lpips = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4}"));
         outln!("views          {} ({}x{}, {} split)", s.views, s.width, s.height, s.split);
@@ -109,11 +110,8 @@ impl EvalArgs {
         print_speed(&s.speed, name.is_cpu(), drawn);
         outln!("training       {:.1} min", s.training_seconds / 60.0);
         let bytes = s.model_bytes as f64;
-        let held = if s.gaussians > 0 {
-            format!("{} Gaussians", s.gaussians)
-        } else {
-            format!("{} parameters", s.parameters.unwrap_or_default())
-        };
+        let held =
+            if s.gaussians > 0 { format!("{} Gaussians", s.gaussians) } else { format!("{} parameters", s.parameters) };
         let bits = if run.is_packed() { "packed in 8 and 16 bits" } else { "in f32" };
         outln!("model          {:.2} MiB ({:.2} MB), scene.safetensors {bits}, {held}", bytes / MIB, bytes / 1e6);
         for note in &s.notes {
@@ -129,22 +127,16 @@ impl EvalArgs {
 fn print_speed(speed: &Speed, on_cpu: bool, drawn: &str) {
     let (frames, with_copy) = (speed.fps_frames, speed.fps_with_copy);
     let of = |frames: usize, spread: &str| format!("({frames} frames{spread}): {drawn}, repeated for each frame");
-    match speed.fps {
-        Some(fps) if on_cpu => {
-            let mean = 2.0 / (1.0 / fps + 1.0 / with_copy);
-            let (low, high) = (fps.min(with_copy), fps.max(with_copy));
-            let spread = if high - low > SAME * mean {
-                format!("; {low:.1} and {high:.1} in two rounds")
-            } else {
-                String::new()
-            };
-            outln!("frames/second  {mean:.1} {}", of(2 * frames, &spread));
-        }
-        fps => {
-            let fps = fps.map_or("-".to_owned(), |fps| format!("{fps:.1}"));
-            outln!("frames/second  {fps} {}", of(frames, ""));
-            outln!("               {with_copy:.1} with the copy of each image to the host");
-        }
+    let fps = speed.fps;
+    if on_cpu {
+        let mean = 2.0 / (1.0 / fps + 1.0 / with_copy);
+        let (low, high) = (fps.min(with_copy), fps.max(with_copy));
+        let spread =
+            if high - low > SAME * mean { format!("; {low:.1} and {high:.1} in two rounds") } else { String::new() };
+        outln!("frames/second  {mean:.1} {}", of(2 * frames, &spread));
+    } else {
+        outln!("frames/second  {fps:.1} {}", of(frames, ""));
+        outln!("               {with_copy:.1} with the copy of each image to the host");
     }
 }
 

@@ -166,7 +166,7 @@ impl SegmentFlags {
         let beside = folder.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let work = std::fs::create_dir_all(beside).and_then(|()| AtomicDir::create(&beside.join("masks")));
         let work = work.map_err(|e| CliError::failure(format!("{}: {e}", beside.display())))?;
-        let widening = run.widening()?;
+        let widening = run.widening();
         let found =
             evaluate_segments(&run.scene, widening, &truth, &options, networks, work.dir(), |what| errln!("{what}"));
         let (mut evaluation, _) = found.map_err(eval_error)?;

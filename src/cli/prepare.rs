@@ -11,6 +11,7 @@ use crate::prepare::{
     FileLabels, LENGTHS, PrepareError, PrepareOptions, SegmentOptions, SegmentSteps, Source, image_count, prepare,
 };
 use crate::shell;
+use crate::versioned::Versioned;
 use crate::volume::raycast::{DEFAULT_STEP, LONGEST_STEP, SHORTEST_STEP};
 use crate::volume::series::{Series, SeriesOptions};
 use crate::volume::synthetic::Synthetic;
@@ -203,7 +204,7 @@ impl PrepareArgs {
                 times.join(", ")
             );
         }
-        if self.json { print_json(&record) } else { Ok(()) }
+        if self.json { print_json(&Versioned::new(&record)) } else { Ok(()) }
     }
 
     fn source(&self) -> Result<Source, CliError> {

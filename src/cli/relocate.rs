@@ -4,6 +4,7 @@ use super::{CliError, Common, command_line, print_json};
 use crate::files::Work;
 use crate::run::AnyRun;
 use crate::run::relocate::relocate;
+use crate::versioned::Versioned;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -28,7 +29,7 @@ impl RelocateArgs {
         let run = AnyRun::open_locked(&self.run, &device, &command_line(), Work::Short)?;
         let run = relocate(run, &self.data)?;
         if self.common.json {
-            return print_json(&run.record);
+            return print_json(&Versioned::new(&run.record));
         }
         errln!("{}: the dataset is {}", run.path.display(), run.record.dataset.display());
         Ok(())

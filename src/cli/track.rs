@@ -118,7 +118,7 @@ impl TrackArgs {
 
     /// The camera of the pictures.
     fn picture_camera(&self, run: &OpenRun) -> Result<Camera, CliError> {
-        let full = surroundings(run, None)?;
+        let full = surroundings(run, None);
         let width = if self.renders { full.lens.width } else { full.lens.width.min(SHEET_CELL) };
         let around = full.sized(self.view.size.unwrap_or(width));
         check_lens(&format!("--size {}", around.lens.width), around.lens)?;

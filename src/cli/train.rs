@@ -12,6 +12,7 @@ use crate::train::observer::NoObserver;
 use crate::train::observer::Observer;
 use crate::train::run::{RunOptions, RunOutcome, Start, lock};
 use crate::train::{advice, checkpoint, open_dataset};
+use crate::versioned::Versioned;
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -73,10 +74,7 @@ impl TrainArgs {
             None => dataset_of(&out)?,
         };
         let config = resolved.value.clone();
-        match start {
-            Start::New => method::check_new(&config)?,
-            _ => method::check(&config)?,
-        }
+        method::check(&config)?;
         #[cfg(feature = "view")]
         self.watch.check(&config)?;
         let dataset = open_dataset(&data, &config)?;
@@ -148,7 +146,7 @@ impl TrainArgs {
             outcome.test_psnr.map(|p| format!(", test PSNR {p:.2} dB on a few views")).unwrap_or_default(),
         );
         if self.common.json {
-            print_json(r)?;
+            print_json(&Versioned::new(r))?;
         }
         if outcome.complete || self.stop_after.is_some_and(|steps| r.steps >= steps) {
             return Ok(());

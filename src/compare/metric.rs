@@ -1,9 +1,7 @@
 //! The metrics known to tables: heading, unit, digits, and which direction is better. Ids that are not listed here can
 //! be shown too.
 
-use crate::memory::MIB;
 use serde::Serialize;
-use std::collections::BTreeMap;
 
 /// Which direction of a metric is better.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -66,19 +64,6 @@ pub const METRICS: &[Metric] = &[
 #[must_use]
 pub fn metric(id: &str) -> Option<&'static Metric> {
     METRICS.iter().find(|m| m.id == id)
-}
-
-/// Converts the metrics of an earlier version: its `fps`, which included the copy of images to the host, becomes
-/// `fps_with_copy`, and `model_mib` is computed from `model_mb`.
-pub fn upgrade(metrics: &mut BTreeMap<String, f64>) {
-    if !metrics.contains_key("fps_with_copy")
-        && let Some(fps) = metrics.remove("fps")
-    {
-        metrics.insert("fps_with_copy".to_owned(), fps);
-    }
-    if let Some(mb) = metrics.get("model_mb").copied() {
-        metrics.entry("model_mib".to_owned()).or_insert(mb * 1e6 / MIB);
-    }
 }
 
 /// A metric as a column of a table. Unlike [`Metric`] it can be made for any id.
@@ -165,18 +150,6 @@ mod tests {
         assert_eq!((extra.head.as_str(), extra.digits, extra.better), ("edge_error", 4, Better::Lower));
         assert_eq!(Column::of("alpha_loss").better, Better::Lower);
         assert_eq!(Column::of("foreground_psnr").better, Better::Higher);
-    }
-
-    #[test]
-    fn legacy_metrics_get_current_names() {
-        let of = |pairs: &[(&str, f64)]| pairs.iter().map(|(id, v)| ((*id).to_owned(), *v)).collect::<BTreeMap<_, _>>();
-        let mut before = of(&[("psnr", 27.0), ("fps", 20.0), ("model_mb", 1.048_576)]);
-        upgrade(&mut before);
-        assert_eq!(before, of(&[("psnr", 27.0), ("fps_with_copy", 20.0), ("model_mb", 1.048_576), ("model_mib", 1.0)]));
-        let now = of(&[("fps", 20.0), ("fps_with_copy", 19.0), ("model_mb", 2.0), ("model_mib", 1.9)]);
-        let mut same = now.clone();
-        upgrade(&mut same);
-        assert_eq!(same, now);
     }
 
     #[test]

@@ -30,7 +30,7 @@ pub struct ResultSet {
 
 impl ResultSet {
     /// Returns a sentence naming the builds of the program that trained the measured runs and, where different, those
-    /// that measured them; empty if no build is recorded.
+    /// that measured them; empty if none is known.
     #[must_use]
     pub fn builds(&self) -> String {
         let done = || self.outcomes.iter().filter(|o| o.state == OutcomeState::Done);
@@ -41,19 +41,6 @@ impl ResultSet {
         }
         let beside = if measured.is_empty() { String::new() } else { format!("; measured by {measured}") };
         format!("Trained by {trained} of the program{beside}.")
-    }
-
-    /// Returns a note if the table asks for frames per second and some results, of early versions, lack them.
-    #[must_use]
-    pub fn speed_note(&self) -> Option<String> {
-        let has = |o: &&Outcome, id: &str| o.metrics.contains_key(id);
-        let old = self.outcomes.iter().filter(|o| has(o, "fps_with_copy") && !has(o, "fps")).count();
-        (old > 0 && self.metrics.iter().any(|id| id == "fps")).then(|| {
-            format!(
-                "{old} results predate the measurement of frames/s without the copy of images to the host; \
-                 they only have the metric fps_with_copy"
-            )
-        })
     }
 }
 
@@ -89,11 +76,9 @@ pub struct Outcome {
     pub settings: BTreeMap<String, String>,
     /// Folder of the run.
     pub run: PathBuf,
-    /// Build of the program that trained it, as the first digits of its digest; empty if not recorded.
-    #[serde(default)]
+    /// Build of the program that trained it, as the first digits of its digest; empty if unknown.
     pub build: String,
     /// Build of the program that measured it, likewise.
-    #[serde(default)]
     pub measured_by: String,
     /// How it ended.
     pub state: OutcomeState,
@@ -129,24 +114,6 @@ pub struct PaperTable {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn results_without_the_requested_speed_are_noted() {
-        let of = |ids: &[&str]| Outcome {
-            metrics: ids.iter().map(|id| ((*id).to_owned(), 1.0)).collect(),
-            ..Outcome::default()
-        };
-        let set = |ids: &[&str], metric: &str| ResultSet {
-            outcomes: vec![of(ids), of(&["fps", "fps_with_copy"])],
-            metrics: vec![metric.to_owned()],
-            ..ResultSet::default()
-        };
-        let note = set(&["fps_with_copy"], "fps").speed_note().unwrap();
-        assert!(note.starts_with("1 results") && note.contains("fps_with_copy"), "{note}");
-        assert_eq!(set(&["fps_with_copy"], "psnr").speed_note(), None);
-        assert_eq!(set(&["fps", "fps_with_copy"], "fps").speed_note(), None);
-        assert_eq!(set(&[], "fps").speed_note(), None);
-    }
 
     #[test]
     fn a_table_names_its_builds() {

@@ -8,6 +8,7 @@ use crate::memory::MIB;
 use crate::program;
 use crate::shell;
 use crate::train::run::RunRecord;
+use crate::versioned;
 use crate::words::plain;
 use std::collections::BTreeMap;
 use std::fmt::{Display, Formatter};
@@ -21,20 +22,19 @@ pub fn metrics(summary: &Summary, record: &RunRecord) -> BTreeMap<String, f64> {
         ("psnr".to_owned(), summary.psnr),
         ("ssim".to_owned(), summary.ssim),
         ("ssim_gray".to_owned(), summary.ssim_gray),
+        ("fps".to_owned(), summary.speed.fps),
         ("fps_with_copy".to_owned(), summary.speed.fps_with_copy),
         ("training_minutes".to_owned(), summary.training_seconds / 60.0),
         ("model_mb".to_owned(), summary.model_bytes as f64 / 1e6),
         ("model_mib".to_owned(), summary.model_bytes as f64 / MIB),
         ("gaussians".to_owned(), summary.gaussians as f64),
     ]);
-    metrics.extend(summary.speed.fps.map(|v| ("fps".to_owned(), v)));
     metrics.extend(summary.lpips_alex.map(|v| ("lpips_alex".to_owned(), v)));
     metrics.extend(summary.lpips_vgg.map(|v| ("lpips_vgg".to_owned(), v)));
     metrics.extend(summary.training_views.map(|t| ("psnr_training".to_owned(), t.psnr)));
-    if let Some(parts) = summary.by_region {
-        let psnr = [("psnr_edge", parts.edge.psnr), ("psnr_interior", parts.interior.psnr)];
-        metrics.extend(psnr.into_iter().filter_map(|(name, v)| Some((name.to_owned(), v?))));
-    }
+    let parts = &summary.by_region;
+    let psnr = [("psnr_edge", parts.edge.psnr), ("psnr_interior", parts.interior.psnr)];
+    metrics.extend(psnr.into_iter().filter_map(|(name, v)| Some((name.to_owned(), v?))));
     if record.peak_memory_bytes > 0 {
         metrics.insert("peak_memory_gb".to_owned(), record.peak_memory_bytes as f64 / 1e9);
     }
@@ -205,7 +205,7 @@ impl Display for Measured {
 fn read<T: serde::de::DeserializeOwned>(path: &Path, hint: &str) -> Result<T, RunError> {
     let bad = |problem: String| RunError::Folder { path: path.to_owned(), problem: format!("{problem}; {hint}") };
     let text = read_text(path).map_err(|e| bad(e.to_string()))?;
-    serde_json::from_str(&text).map_err(|e| bad(plain(&e.to_string())))
+    versioned::from_json(text).map_err(|e| bad(plain(&e.to_string())))
 }
 
 /// Returns the leaves of `config` that differ from `base`, by dotted key.
@@ -262,10 +262,11 @@ mod tests {
     fn write(folder: &Path, record: &RunRecord, config: &str, steps: usize) {
         let run = RunPaths(folder);
         std::fs::create_dir_all(run.eval().join("test")).unwrap();
-        std::fs::write(run.record(), serde_json::to_vec(record).unwrap()).unwrap();
+        std::fs::write(run.record(), versioned::to_json(record).unwrap()).unwrap();
         std::fs::write(run.config(), config).unwrap();
         let summary = serde_json::json!({
-            "split": "test", "views": 2, "psnr": 30.0, "ssim": 0.9, "ssim_gray": 0.9, "lpips_alex": null,
+            "format": 1, "split": "test", "dataset": "", "fingerprint": "", "build": "", "parameters": 1,
+            "by_region": crate::eval::regions::ByRegion::default(), "views": 2, "psnr": 30.0, "ssim": 0.9, "ssim_gray": 0.9, "lpips_alex": null,
             "lpips_vgg": null, "fps": 9.0, "fps_frames": 4, "fps_with_copy": 8.0, "training_seconds": 1.0,
             "steps": steps, "model_bytes": 1, "gaussians": 1, "width": 4, "height": 4,
             "background": [1.0, 1.0, 1.0], "notes": []

@@ -198,6 +198,17 @@ impl<'a> Layers<'a> {
 }
 
 impl<T> Resolved<T> {
+    /// Returns the value of a file that states every key, such as the configuration in a run.
+    ///
+    /// # Errors
+    /// [`ConfigError::Incomplete`], which names the first key that `file` lacks.
+    pub fn complete(self, file: &Path) -> Result<T, ConfigError> {
+        match self.origins.into_iter().find(|(_, origin)| *origin == Origin::Default) {
+            None => Ok(self.value),
+            Some((key, _)) => Err(ConfigError::Incomplete { path: file.to_owned(), key }),
+        }
+    }
+
     /// The leaves in key order, one per line as `a.b = value  # origin`; the whole is valid TOML.
     #[must_use]
     pub fn show(&self) -> String {

@@ -1,7 +1,6 @@
 //! Configuration of a run: types, layers, built-in presets.
 
 pub mod layers;
-pub mod legacy;
 pub mod types;
 
 /// The compiled-in presets, by name.

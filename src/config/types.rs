@@ -30,7 +30,6 @@ pub struct Config {
     pub seed: u64,
     /// The method: `volseggs` (that of the paper and of this project), `d3dgs`, `4dgs`, `coordnet`, `insitunet`,
     /// `visnerf` or a registered one, see `docs/reference.md`.
-    #[serde(default = "defaults::method")] // runs that predate this key can still be opened
     pub method: String,
     /// Settings of a registered method, by name; see `docs/research.md`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -275,7 +274,6 @@ pub struct OptimConfig {
     /// Length in steps of the moving average of the parameters that is shown and saved in their place; 0 for none. It
     /// covers at most a tenth of the steps since it began, and restarts with the joint stage, whenever Gaussians are
     /// added or removed, and when opacities are reset.
-    #[serde(default)] // runs that predate this key can still be opened
     pub average: usize,
 }
 

@@ -12,7 +12,7 @@
 
 use super::DataError;
 use super::transforms::read_text;
-use crate::words::plain;
+use crate::versioned;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::Path;
@@ -152,22 +152,15 @@ impl Calibration {
     pub fn of_dataset(root: &Path) -> Result<Self, DataError> {
         #[derive(Deserialize)]
         struct Prepared {
-            #[serde(default)]
             calibration: Calibration,
         }
         let path = root.join(PREPARED);
         if !path.exists() {
             return Ok(Self::default());
         }
-        let read = serde_json::from_str::<Prepared>(&read_text(&path)?);
-        read.map(|prepared| prepared.calibration).map_err(|e| DataError::Syntax {
-            frame: None,
-            line: e.line(),
-            column: e.column(),
-            problem: plain(&e.to_string()),
-            hint: "restore the file from a copy, or prepare the dataset again".to_owned(),
-            path,
-        })
+        let read = versioned::from_json::<Prepared>(read_text(&path)?);
+        let hint = "restore the file from a copy, or prepare the dataset again";
+        read.map(|prepared| prepared.calibration).map_err(|e| DataError::of_record(&path, e, hint))
     }
 
     /// The physical position of a point of the scene, or the point itself if space is normalised.
@@ -274,10 +267,10 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(Calibration::of_dataset(folder.path()).unwrap(), Calibration::default());
         let path = folder.path().join(PREPARED);
-        let record = serde_json::json!({ "version": "1", "calibration": calibration() });
+        let record = serde_json::json!({ "format": 1, "calibration": calibration() });
         std::fs::write(&path, record.to_string()).unwrap();
         assert_eq!(Calibration::of_dataset(folder.path()).unwrap(), calibration());
-        std::fs::write(&path, "{\n\"calibration\": 3}").unwrap();
+        std::fs::write(&path, "{\"format\": 1,\n\"calibration\": 3}").unwrap();
         let error = Calibration::of_dataset(folder.path()).unwrap_err();
         assert!(error.is_input() && error.to_string().contains("prepare.json: line 2"), "{error}");
     }

@@ -1,5 +1,7 @@
 //! What can be wrong with a dataset. Each variant names the file, the place in it and a way to fix it.
 
+use crate::versioned::{KEY, VersionedError};
+use crate::words::plain;
 use std::path::{Path, PathBuf};
 
 /// An error in reading, checking or writing a dataset.
@@ -149,6 +151,20 @@ impl DataError {
             Self::Option { option, .. } => Some(option),
             Self::Image { .. } | Self::MixedResolution { .. } => Some("file_path"),
             Self::Io { .. } | Self::Syntax { .. } | Self::EmptyHull { .. } => None,
+        }
+    }
+
+    /// Returns the error for a record that cannot be read.
+    pub(super) fn of_record(path: &Path, error: VersionedError, hint: &str) -> Self {
+        let (path, hint) = (path.to_owned(), hint.to_owned());
+        match error {
+            VersionedError::Json(e) => {
+                let (line, column, problem) = (e.line(), e.column(), plain(&e.to_string()));
+                Self::Syntax { path, frame: None, line, column, problem, hint }
+            }
+            VersionedError::Format(e) => {
+                Self::Field { path, frame: None, field: KEY.to_owned(), problem: e.problem, hint }
+            }
         }
     }
 

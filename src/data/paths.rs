@@ -17,7 +17,7 @@ pub const FOV_X: f64 = PI / 6.0;
 pub const POLE_GAP: f64 = 1.75e-4;
 
 /// The sphere on which the cameras of a path lie, looking at its centre.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Sphere {
     /// The centre, scene units.
     pub centre: DVec3,
@@ -41,7 +41,7 @@ impl From<f64> for Sphere {
 }
 
 /// The properties shared by all cameras of a path.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Lens {
     /// Whole horizontal field of view in radians.
     pub fov_x: f64,

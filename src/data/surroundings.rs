@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 const ELEVATION: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
 /// The lens and the camera positions of a dataset.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Surroundings {
     /// The lens.
     pub lens: Lens,

@@ -18,6 +18,7 @@ use super::png::check_claim;
 use super::transforms::Transforms;
 use crate::files::leads_out;
 use crate::name::Name;
+use crate::versioned;
 
 /// Name of the file in a dataset's folder.
 pub const FILE: &str = "segments.json";
@@ -41,12 +42,9 @@ pub struct SegmentFile {
     pub label_images: Vec<String>,
     /// The segments, by ascending id.
     pub segments: Vec<SegmentEntry>,
-    /// Volumes of ids and opacity, by ascending time; empty in datasets of old versions.
-    #[serde(default)]
+    /// Volumes of ids and opacity, by ascending time; empty without views of the segments.
     pub volumes: Vec<VolumeEntry>,
-    /// Ends and beginnings of segments that merge and split; empty where each id is the same object at all times, and
-    /// in datasets of old versions.
-    #[serde(default)]
+    /// Ends and beginnings of segments that merge and split; empty where each id is the same object at all times.
     pub lineage: Vec<Turn>,
 }
 
@@ -151,14 +149,8 @@ impl Truth {
                    transfer function have it"
                     .to_owned(),
         })?;
-        let mut file: SegmentFile = serde_json::from_str(&text).map_err(|e| DataError::Syntax {
-            path: path.clone(),
-            frame: None,
-            line: e.line(),
-            column: e.column(),
-            problem: e.to_string(),
-            hint: "make the dataset again with `volseggs prepare`".to_owned(),
-        })?;
+        let mut file: SegmentFile = versioned::from_json(&text)
+            .map_err(|e| DataError::of_record(&path, e, "make the dataset again with `volseggs prepare`"))?;
         if let Some((field, problem)) = file.fault() {
             return Err(DataError::field_error(
                 &path,

@@ -29,7 +29,7 @@ fn write(root: &Path) {
         volumes: Vec::new(),
         lineage: Vec::new(),
     };
-    std::fs::write(root.join(FILE), serde_json::to_vec(&file).unwrap()).unwrap();
+    std::fs::write(root.join(FILE), crate::versioned::to_json(&file).unwrap()).unwrap();
 }
 
 #[test]
@@ -58,7 +58,7 @@ fn names_and_paths_that_lead_out_of_the_dataset_are_refused() {
         (with(vec![], vec![volume("../v")]), "volumes[0].file"),
         (SegmentFile { label_images: vec!["/tmp/train".into()], ..good.clone() }, "label_images[0]"),
     ] {
-        std::fs::write(folder.path().join(FILE), serde_json::to_vec(&file).unwrap()).unwrap();
+        std::fs::write(folder.path().join(FILE), crate::versioned::to_json(&file).unwrap()).unwrap();
         let error = Truth::read(folder.path()).unwrap_err().to_string();
         assert!(error.contains(words) && error.contains(FILE), "{words}: {error}");
     }

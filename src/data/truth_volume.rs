@@ -11,6 +11,7 @@ use super::error::DataError;
 use super::normalisation::Normalisation;
 use super::truth::{FILE, Truth};
 use crate::tensors::{self, TensorFileError};
+use crate::versioned;
 
 /// Name of the header entry with time and geometry.
 const ENTRY: &str = "volseggs.truth-volume";
@@ -45,7 +46,7 @@ struct Header {
 }
 
 impl Truth {
-    /// The times in [0, 1] that have a volume, ascending; empty for datasets of old versions.
+    /// The times in [0, 1] that have a volume, ascending; empty if there is none.
     #[must_use]
     pub fn volume_times(&self) -> Vec<f64> {
         let mut times: Vec<f64> = self.file.volumes.iter().map(|v| v.time).collect();
@@ -64,7 +65,7 @@ impl Truth {
             order.then(a.time.total_cmp(&b.time))
         });
         let Some(entry) = nearest else {
-            let problem = "no volume of segment ids; the dataset was made without segment views or by an old version";
+            let problem = "no volume of segment ids; the dataset was made without segment views";
             return Err(DataError::field_error(&self.root.join(FILE), None, "volumes", problem, AGAIN));
         };
         let volume = TruthVolume::read(&self.root.join(entry.file.strip_prefix("./").unwrap_or(&entry.file)))?;
@@ -98,8 +99,8 @@ impl TruthVolume {
         let opacity = bytes(&mut self.opacity.iter().map(|o| (o.clamp(0.0, 1.0) * PARTS).round() as u16));
         let view = |data| TensorView::new(Dtype::U16, vec![z, y, x], data).map_err(wrong);
         let header = Header { time: self.time, spacing: self.spacing, origin: self.origin };
-        let text = serde_json::to_string(&header)
-            .map_err(|e| TensorFileError::Io { path: path.to_owned(), source: e.into() })?;
+        let text =
+            versioned::to_json(&header).map_err(|e| TensorFileError::Io { path: path.to_owned(), source: e.into() })?;
         tensors::write(path, vec![("ids", view(&ids)?), ("opacity", view(&opacity)?)], Some((ENTRY, text)))
     }
 
@@ -125,7 +126,7 @@ impl TruthVolume {
         let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(broken)?;
         let text = metadata.metadata().as_ref().and_then(|m| m.get(ENTRY));
         let text = text.ok_or_else(|| fail(ENTRY, "is not in the header; not a volume of segment ids".to_owned()))?;
-        let Header { time, spacing, origin } = serde_json::from_str(text).map_err(|e| fail(ENTRY, e.to_string()))?;
+        let Header { time, spacing, origin } = versioned::from_json(text).map_err(|e| fail(ENTRY, e.to_string()))?;
         if !(time.is_finite() && origin.iter().all(|o| o.is_finite())) {
             return Err(fail(ENTRY, format!("time {time} and origin {origin:?} must be finite")));
         }

@@ -30,7 +30,7 @@ fn truth(root: &Path, times: &[f64]) -> Truth {
         volumes: volumes.collect(),
         lineage: Vec::new(),
     };
-    std::fs::write(root.join(FILE), serde_json::to_vec(&file).unwrap()).unwrap();
+    std::fs::write(root.join(FILE), crate::versioned::to_json(&file).unwrap()).unwrap();
     Truth::read(root).unwrap()
 }
 

@@ -111,7 +111,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
         .env(std::env::vars_os(), RESERVED_VARIABLES)
         .and_then(|layers| layers.sets(options.set.iter().cloned()).resolve::<Config>())
         .map_err(|e| DemoError::Input(format!("config: {e}")))?;
-    method::check_new(&resolved.value)?;
+    method::check(&resolved.value)?;
     if options.out.is_file() {
         return Err(DemoError::Input(format!("{}: is a file; choose another --out", options.out.display())));
     }

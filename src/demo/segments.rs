@@ -106,7 +106,7 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
         mask_alpha: None,
     };
     let work = AtomicDir::create(&run.paths().eval().join("masks")).map_err(|e| e.to_string())?;
-    let widening = run.widening().map_err(|e| e.to_string())?;
+    let widening = run.widening();
     let (evaluation, trained) =
         evaluate_segments(scene, widening, &truth, &plan, &[], work.dir(), |what| errln!("    {what}"))
             .map_err(|e| e.to_string())?;

@@ -11,6 +11,7 @@ use crate::files::RunPaths;
 use crate::memory::MIB;
 use crate::report::{Block, Number, Report, Section};
 use crate::shell;
+use crate::versioned;
 use image::RgbImage;
 use std::path::Path;
 
@@ -66,7 +67,7 @@ pub(super) fn pictures(results: &Results<'_>) -> Result<Pictures, String> {
 fn segments(data: &Path) -> Result<Vec<(Vec<u8>, String)>, String> {
     let path = data.join(truth::FILE);
     let Ok(text) = std::fs::read_to_string(&path) else { return Ok(Vec::new()) };
-    let file: SegmentFile = serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))?;
+    let file: SegmentFile = versioned::from_json(text).map_err(|e| format!("{}: {e}", path.display()))?;
     let mut out = Vec::new();
     for segment in file.segments {
         let Some(best) = segment.frames.iter().max_by_key(|f| f.pixels) else { continue };
@@ -110,7 +111,7 @@ fn learning_curve(run: &Path) -> String {
 pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Report, String> {
     let s = &results.evaluation.summary;
     let record = &results.outcome.record;
-    let fps = |digits: usize| s.speed.fps.map_or("-".to_owned(), |fps| format!("{fps:.digits$}"));
+    let fps = |digits: usize| format!("{:.digits$}", s.speed.fps);
     let number = |value: String, unit: &str, name: &str, note: &str| Number {
         value,
         unit: unit.into(),

@@ -1,5 +1,6 @@
 //! Errors of edits. Every message says what is wrong, where, and how to fix it.
 
+use crate::versioned::OtherFormat;
 use std::path::PathBuf;
 
 /// An error of reading, checking or applying edits.
@@ -33,18 +34,13 @@ pub enum EditError {
         /// What is wrong and how to fix it.
         problem: String,
     },
-    /// The file was written by a newer program.
-    #[error(
-        "{}: version: {found} is newer than {known}, the newest this program reads; use a newer volseggs",
-        path.display()
-    )]
-    NewerVersion {
+    /// The file is of another version.
+    #[error("{}: {source}", path.display())]
+    Format {
         /// The file.
         path: PathBuf,
-        /// The version in the file.
-        found: u64,
-        /// The newest version known.
-        known: u32,
+        /// Which version it states.
+        source: OtherFormat,
     },
     /// A value of an edit cannot be used.
     #[error("{field}: {problem}")]

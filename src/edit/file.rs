@@ -3,8 +3,9 @@
 
 use super::error::EditError;
 use super::operation::{Edit, Operation};
-use super::stack::{EditStack, VERSION};
+use super::stack::EditStack;
 use crate::files::{read_regular, write_atomic};
+use crate::versioned;
 use serde_json::{Map, Value};
 use std::path::Path;
 
@@ -12,7 +13,7 @@ impl EditStack {
     /// Reads a stack.
     ///
     /// # Errors
-    /// [`EditError::Io`], [`EditError::Json`], [`EditError::NewerVersion`], or [`EditError::Field`] for a missing,
+    /// [`EditError::Io`], [`EditError::Json`], [`EditError::Format`], or [`EditError::Field`] for a missing,
     /// unknown or wrong field, with its path.
     pub fn load(path: &Path) -> Result<Self, EditError> {
         let io = |source| EditError::Io { path: path.to_owned(), action: "read the edits", source };
@@ -28,7 +29,7 @@ impl EditStack {
     /// [`EditError::Io`].
     pub fn save(&self, path: &Path) -> Result<(), EditError> {
         let io = |source| EditError::Io { path: path.to_owned(), action: "write the edits", source };
-        let mut text = serde_json::to_vec_pretty(self).map_err(|e| io(e.into()))?;
+        let mut text = versioned::to_json_pretty(self).map_err(|e| io(e.into()))?;
         text.push(b'\n');
         write_atomic(path, &text).map_err(io)
     }
@@ -45,25 +46,11 @@ impl Reader<'_> {
 
     fn stack(&self, value: &Value) -> Result<EditStack, EditError> {
         let map = self.object("the file", value)?;
-        // Before anything else: a newer file may hold fields unknown here.
-        self.version(map)?;
-        self.allow_only("", map, &["version", "operations", "undone"])?;
-        Ok(EditStack {
-            version: VERSION,
-            operations: self.edits(map, "operations")?,
-            undone: self.edits(map, "undone")?,
-        })
-    }
-
-    fn version(&self, map: &Map<String, Value>) -> Result<(), EditError> {
-        let value = self.required("", map, "version")?;
-        match value.as_u64() {
-            Some(found) if found > u64::from(VERSION) => {
-                Err(EditError::NewerVersion { path: self.path.to_owned(), found, known: VERSION })
-            }
-            Some(found) if found == u64::from(VERSION) => Ok(()),
-            _ => Err(self.bad("version", format!("{value} is not a version; it must be {VERSION}"))),
-        }
+        // before anything else, as a file of another version may hold fields unknown here
+        versioned::check(map.get(versioned::KEY))
+            .map_err(|source| EditError::Format { path: self.path.to_owned(), source })?;
+        self.allow_only("", map, &[versioned::KEY, "operations", "undone"])?;
+        Ok(EditStack { operations: self.edits(map, "operations")?, undone: self.edits(map, "undone")? })
     }
 
     fn edits(&self, map: &Map<String, Value>, field: &str) -> Result<Vec<Edit>, EditError> {

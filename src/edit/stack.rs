@@ -3,17 +3,11 @@
 use super::error::EditError;
 use super::operation::{Edit, Operation};
 use crate::data::Calibration;
-use serde::{Deserialize, Serialize};
-
-/// The version of `edits.json` that this program writes, and the newest it reads.
-pub const VERSION: u32 = 1;
+use serde::Serialize;
 
 /// Edits in the order in which they apply, and those undone.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct EditStack {
-    /// Version of the format, [`VERSION`].
-    pub version: u32,
     /// The edits that apply, first to last.
     pub operations: Vec<Edit>,
     /// The undone edits, the one undone last at the end.
@@ -35,12 +29,6 @@ pub struct Total {
 impl Default for Total {
     fn default() -> Self {
         Self { rgb: None, opacity: 1.0, hidden: false }
-    }
-}
-
-impl Default for EditStack {
-    fn default() -> Self {
-        Self { version: VERSION, operations: Vec::new(), undone: Vec::new() }
     }
 }
 

@@ -55,7 +55,7 @@ pub fn rows(summary: &Summary) -> Vec<[String; 6]> {
         out.push(views(format!("{split} views {distance}"), at.views.to_string(), at.psnr, at.ssim));
     }
     let training = summary.training_views.map(|t| ("training", t.by_region));
-    for (whose, parts) in summary.by_region.map(|parts| (split.as_str(), parts)).into_iter().chain(training) {
+    for (whose, parts) in [(split.as_str(), summary.by_region)].into_iter().chain(training) {
         for (name, part) in [("edges", parts.edge), ("interior", parts.interior), ("outside", parts.outside)] {
             let Region { pixels, error, psnr } = part;
             let psnr = psnr.map_or("-".to_owned(), |psnr| format!("{psnr:.2}"));

@@ -4,6 +4,7 @@ use super::run::{Evaluation, Summary, to_csv};
 use crate::draw::plot::{Series, line_plot};
 use crate::export::images::encode_png;
 use crate::files::{AtomicDir, FolderKind, ReplaceError, read_regular};
+use crate::versioned;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -103,7 +104,7 @@ pub fn write_results(folder: &Path, evaluation: &Evaluation) -> Result<(), Write
     let write = |name: &str, bytes: &[u8]| std::fs::write(out.dir().join(name), bytes).map_err(WriteError::at(folder));
     let summary: &Summary = &evaluation.summary;
     write("views.csv", to_csv(&evaluation.views).as_bytes())?;
-    write("mean.json", &serde_json::to_vec_pretty(summary).map_err(WriteError::at(folder))?)?;
+    write("mean.json", &versioned::to_json_pretty(summary).map_err(WriteError::at(folder))?)?;
     write("psnr-over-time.svg", psnr_over_time(evaluation).as_bytes())?;
     if let Some(sheet) = &evaluation.sheet {
         write("contact-sheet.png", &encode_png(sheet).map_err(WriteError::at(folder))?)?;

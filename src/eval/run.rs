@@ -46,11 +46,9 @@ pub struct ViewMetrics {
 pub struct Summary {
     /// Name of the split.
     pub split: String,
-    /// Folder of the dataset; empty in results of early versions.
-    #[serde(default)]
+    /// Folder of the dataset.
     pub dataset: PathBuf,
-    /// Fingerprint of the dataset; empty if it has no training views, and in results of early versions.
-    #[serde(default)]
+    /// Fingerprint of the dataset; empty if it has no training views.
     pub fingerprint: String,
     /// Number of views.
     pub views: usize,
@@ -74,16 +72,14 @@ pub struct Summary {
     /// itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub training_views: Option<TrainingViews>,
-    /// Error by region of the pictures; absent in results of early versions.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub by_region: Option<ByRegion>,
+    /// Error by region of the pictures.
+    pub by_region: ByRegion,
     /// Frames per second: `fps`, `fps_frames`, `fps_with_copy`.
     #[serde(flatten)]
     pub speed: Speed,
     /// Seconds of training.
     pub training_seconds: f64,
-    /// Steps of training; absent in results of early versions.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    /// Steps of training; `None` if they are unknown.
     pub steps: Option<usize>,
     /// Size of the model: bytes of the checkpoint's `scene.safetensors`, which holds all parameters in f32 (for
     /// VolSegGS, 59 numbers per Gaussian at SH degree 3, and the field) and about 2 kB of header and digest, but
@@ -91,17 +87,15 @@ pub struct Summary {
     pub model_bytes: u64,
     /// Number of Gaussians; 0 for a method without primitives.
     pub gaussians: usize,
-    /// Number of parameters of the model; absent in results of early versions.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub parameters: Option<usize>,
+    /// Number of parameters of the model.
+    pub parameters: usize,
     /// Width of the images in pixels.
     pub width: u32,
     /// Height of the images in pixels.
     pub height: u32,
     /// Background that images were composited over.
     pub background: [f32; 3],
-    /// Digest of the program that measured, see [`crate::program`]; empty in results of early versions.
-    #[serde(default)]
+    /// Digest of the program that measured, see [`crate::program`].
     pub build: String,
     /// What limits the comparison, in words.
     pub notes: Vec<String>,
@@ -297,13 +291,13 @@ pub fn evaluate(
         extra: metric::means(views.iter().map(|v| &v.extra)),
         by_distance: by_distance(&views, &costs.trained_times),
         training_views: costs.training_views.as_ref().map(|sample| measure_sample(model, sample)).transpose()?,
-        by_region: Some(regions.finish()),
+        by_region: regions.finish(),
         speed,
         training_seconds: costs.training_seconds,
         steps: costs.steps,
         model_bytes: costs.model_bytes,
         gaussians: counts.primitives,
-        parameters: Some(counts.parameters),
+        parameters: counts.parameters,
         width: split.images.width,
         height: split.images.height,
         background,

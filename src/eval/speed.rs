@@ -20,36 +20,14 @@ const BLOCKS: usize = 5;
 /// Frames per second over a split's views, each at its own time. Both figures include all that drawing takes (for
 /// VolSegGS, deformation and splatting), repeated for every frame; neither includes reading, warm-up or metrics.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "Recorded")]
 pub struct Speed {
     /// Without the copy of images to the host: frames are drawn one after another, and the clock stops when the device
-    /// has finished all of its work. Null in results of early versions, which measured only the other figure.
-    pub fps: Option<f64>,
-    /// Number of frames behind each figure; 0 in results of early versions.
+    /// has finished all of its work.
+    pub fps: f64,
+    /// Number of frames behind each figure.
     pub fps_frames: usize,
     /// For the same frames, with the copy of each image to the host before the next one begins.
     pub fps_with_copy: f64,
-}
-
-/// What files hold; early ones have the figure with the copy under the name `fps`.
-#[derive(Deserialize)]
-struct Recorded {
-    fps: Option<f64>,
-    #[serde(default)]
-    fps_frames: usize,
-    fps_with_copy: Option<f64>,
-}
-
-impl TryFrom<Recorded> for Speed {
-    type Error = &'static str;
-
-    fn try_from(file: Recorded) -> Result<Self, Self::Error> {
-        match (file.fps, file.fps_with_copy) {
-            (fps, Some(fps_with_copy)) => Ok(Self { fps, fps_frames: file.fps_frames, fps_with_copy }),
-            (Some(fps_with_copy), None) => Ok(Self { fps: None, fps_frames: 0, fps_with_copy }),
-            (None, None) => Err("missing field `fps_with_copy`"),
-        }
-    }
 }
 
 /// Draws evenly spaced views of `split`, without and with the copy of each image to the host, for about a second each
@@ -90,7 +68,7 @@ pub fn measure(model: &dyn Model, split: &Split) -> Result<Speed, String> {
         block.iter().for_each(|view| copy(*view));
         copied += started.elapsed().as_secs_f64();
     }
-    Ok(Speed { fps: Some(frames as f64 / alone), fps_frames: frames, fps_with_copy: frames as f64 / copied })
+    Ok(Speed { fps: frames as f64 / alone, fps_frames: frames, fps_with_copy: frames as f64 / copied })
 }
 
 /// Returns how many frames to draw if one takes `seconds`: fewer than there are views, or each view equally often.
@@ -103,18 +81,6 @@ fn frames(seconds: f64, views: usize) -> usize {
 mod tests {
     use super::*;
     use proptest::prelude::*;
-
-    #[test]
-    fn early_results_have_only_the_figure_with_the_copy() {
-        let read = |text: &str| serde_json::from_str::<Speed>(text);
-        let before = read(r#"{"fps": 20.5}"#).unwrap();
-        assert_eq!(before, Speed { fps: None, fps_frames: 0, fps_with_copy: 20.5 });
-        let now = Speed { fps: Some(31.25), fps_frames: 40, fps_with_copy: 30.5 };
-        for speed in [before, now] {
-            assert_eq!(read(&serde_json::to_string(&speed).unwrap()).unwrap(), speed);
-        }
-        assert!(read("{}").unwrap_err().to_string().contains("fps_with_copy"));
-    }
 
     proptest! {
         #[test]

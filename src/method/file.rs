@@ -3,6 +3,7 @@
 
 use crate::model::params::{self, FitError, HostTensor};
 use crate::model::scene_file::{SceneError, read_tensors, refuse_not_finite, write_tensors};
+use crate::versioned;
 use burn::module::Module;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -29,7 +30,7 @@ pub(super) fn save(
     tensors: &BTreeMap<String, HostTensor>,
     spec: &impl Serialize,
 ) -> Result<(), SceneError> {
-    let spec = serde_json::to_string(spec).map_err(|e| wrong(path, e.to_string()))?;
+    let spec = versioned::to_json(spec).map_err(|e| wrong(path, e.to_string()))?;
     write_tensors(path, tensors, Some((method, spec)))
 }
 
@@ -43,7 +44,7 @@ pub(super) fn read<S: DeserializeOwned>(path: &Path, method: &str) -> Result<Mod
     let text = header.get(method);
     let text =
         text.ok_or_else(|| wrong(path, format!("no `{method}` entry in its header: it is of another method")))?;
-    let spec = serde_json::from_str(text).map_err(|e| wrong(path, format!("header: {e}")))?;
+    let spec = versioned::from_json(text).map_err(|e| wrong(path, format!("header: {e}")))?;
     Ok(ModelFile { spec, tensors })
 }
 

@@ -1,4 +1,4 @@
-//! Settings of the shared sections that a method does not read: in a new run they are refused, as two runs that differ
+//! Settings of the shared sections that a method does not read: they are refused, as two runs that differ
 //! in nothing else would be compared as if they differed.
 
 use super::{d3dgs, fourdgs};
@@ -31,7 +31,7 @@ const OF_THE_FIELD: [&str; 16] = [
 ];
 
 /// Rejects a setting that the built-in method of `config` does not read and that is not the default.
-pub(super) fn check(config: &Config) -> Result<(), String> {
+pub(super) fn check_read(config: &Config) -> Result<(), String> {
     let method = config.method.as_str();
     let changed = Changed::of(config);
     if NETWORKS.contains(&method) {
@@ -83,7 +83,7 @@ impl Changed {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{check as check_any, check_new};
+    use super::super::check;
     use super::*;
     use crate::config::PRESETS;
     use crate::config::layers::Layers;
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn new_runs_refuse_what_the_method_does_not_read() {
+    fn what_the_method_does_not_read_is_refused() {
         let of_networks = [
             ("loss.dssim=0.5", "loss.dssim = 0.5"),
             ("optim.average=70", "optim.average = 70"),
@@ -107,15 +107,13 @@ mod tests {
         let others = ["d3dgs", "4dgs"].into_iter().flat_map(|method| of_the_field.map(|(set, key)| (method, set, key)));
         for (method, set, key) in networks.chain(others) {
             let config = config(method, set);
-            let error = check_new(&config).unwrap_err().to_string();
+            let error = check(&config).unwrap_err().to_string();
             assert!(error.contains(key) && error.contains(method), "{error}");
-            // a run of an earlier version goes on
-            check_any(&config).unwrap();
         }
         for method in NETWORKS.into_iter().chain(["d3dgs", "4dgs", "volseggs"]) {
             let preset = if method == "volseggs" { "best" } else { method };
-            check_new(&config(preset, "output.eval_every=100")).unwrap();
-            check_new(&config(preset, "data.downscale=2")).unwrap();
+            check(&config(preset, "output.eval_every=100")).unwrap();
+            check(&config(preset, "data.downscale=2")).unwrap();
         }
     }
 
@@ -123,6 +121,6 @@ mod tests {
     fn the_preset_of_another_method_is_refused() {
         let mut quick = config("quick", "seed=1");
         (quick.method, quick.visnerf) = ("visnerf".into(), Some(VisNerfConfig::default()));
-        assert!(check_new(&quick).unwrap_err().to_string().contains("reads [visnerf]"));
+        assert!(check(&quick).unwrap_err().to_string().contains("reads [visnerf]"));
     }
 }

@@ -58,7 +58,7 @@ use crate::files::RunLock;
 use crate::model::SceneError;
 use crate::registry::Registry;
 use crate::train::observer::Observer;
-use crate::train::run::{RunOptions, RunOutcome, Start};
+use crate::train::run::{RunOptions, RunOutcome};
 use crate::train::{TrainError, check_config};
 use burn::tensor::Device;
 use std::path::Path;
@@ -179,26 +179,17 @@ pub fn of(config: &Config) -> Result<Found, TrainError> {
     find(&config.method).map_err(|e| TrainError::Config(format!("method: {e}")))
 }
 
-/// Rejects a configuration that no training can start with.
+/// Rejects a configuration that no training can start with, or in which the method would silently ignore a setting.
 ///
 /// # Errors
-/// The first invalid value, with its key.
+/// The first invalid or ignored value, with its key.
 pub fn check(config: &Config) -> Result<(), TrainError> {
     let method = of(config)?;
     check_config(config)?;
     check_sections(config, &method).map_err(TrainError::Config)?;
-    method.check(config).map_err(TrainError::Config)
-}
-
-/// As [`check`], for a run that is about to begin: also rejects settings that the method would silently ignore. Runs of
-/// earlier versions may hold such settings, and still go on.
-///
-/// # Errors
-/// The first invalid or ignored value, with its key.
-pub fn check_new(config: &Config) -> Result<(), TrainError> {
-    check(config)?;
-    match of(config)? {
-        Found::BuiltIn(_) => ignored::check(config).map_err(TrainError::Config),
+    method.check(config).map_err(TrainError::Config)?;
+    match method {
+        Found::BuiltIn(_) => ignored::check_read(config).map_err(TrainError::Config),
         // only the method itself knows what it reads
         Found::Registered(_) => Ok(()),
     }
@@ -250,9 +241,6 @@ pub fn train(
     stop: &AtomicBool,
     observer: &mut dyn Observer,
 ) -> Result<RunOutcome, TrainError> {
-    if options.start == Start::New {
-        check_new(config)?;
-    }
     let training = start(config, dataset, device)?;
     crate::train::run::run(config, dataset, training, options, held, stop, observer)
 }

@@ -9,6 +9,7 @@ use super::size::{self, check_model};
 use super::{Scene, SceneSpec};
 use crate::config::types::EncoderKind;
 use crate::tensors::{self, DIGEST, TensorFileError};
+use crate::versioned;
 use burn::tensor::Device;
 use safetensors::tensor::TensorView;
 use std::collections::BTreeMap;
@@ -68,7 +69,7 @@ impl Scene {
     /// # Errors
     /// If the file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), SceneError> {
-        let spec = serde_json::to_string(&self.spec)
+        let spec = versioned::to_json(&self.spec)
             .map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
         write_tensors(path, &params::collect(self), Some(("volseggs", spec)))
     }
@@ -79,8 +80,8 @@ impl Scene {
     /// If the file cannot be written.
     pub fn save_packed(&self, path: &Path) -> Result<(), SceneError> {
         let spec = SceneSpec { packed_from: Some(self.fingerprint()), ..self.spec.clone() };
-        let spec = serde_json::to_string(&spec)
-            .map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
+        let spec =
+            versioned::to_json(&spec).map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
         write_stored(path, &packed::pack(&params::collect(self)), Some(("volseggs", spec)))
     }
 
@@ -95,7 +96,7 @@ impl Scene {
         let format = |reason: String| SceneError::Format { path: path.into(), reason };
         let spec =
             metadata.get("volseggs").ok_or_else(|| format("no `volseggs` entry in its header: not a scene".into()))?;
-        let spec: SceneSpec = serde_json::from_str(spec).map_err(|e| format(format!("header: {e}")))?;
+        let spec: SceneSpec = versioned::from_json(spec).map_err(|e| format(format!("header: {e}")))?;
         check_spec(&spec, &tensors).map_err(|e| format(format!("header: {e}")))?;
         refuse_empty(&tensors).map_err(&format)?;
         if spec.model.encoder == EncoderKind::Extra {
@@ -112,17 +113,9 @@ impl Scene {
     }
 }
 
-/// A tensor that only the first version of the implicit encoder had.
-const OLD_IMPLICIT: &str = "field.encoder.Implicit.first_weight";
-
 /// Rejects a spec that no scene has, or that asks for a larger field than the file holds: the field is allocated from
 /// the spec before the tensors are loaded.
 fn check_spec(spec: &SceneSpec, tensors: &BTreeMap<String, HostTensor>) -> Result<(), String> {
-    if tensors.contains_key(OLD_IMPLICIT) {
-        return Err("this scene has the implicit encoder of two small layers of early versions, which is no longer \
-                    supported: train again, or read it with the version that wrote it"
-            .into());
-    }
     check_model(&spec.model)?;
     if spec.sh_degree > spec.model.sh_degree {
         return Err(format!("sh_degree = {} is above model.sh_degree = {}", spec.sh_degree, spec.model.sh_degree));
@@ -234,14 +227,18 @@ mod tests {
     use super::super::scene::tests::{scene, scene_of};
     use super::*;
     use crate::device::DeviceName;
+    use crate::versioned::Versioned;
 
     #[test]
-    fn a_header_from_before_keys_existed_still_reads() {
-        let spec = scene().spec;
-        let mut old = serde_json::to_value(&spec).unwrap();
-        let model = old["model"].as_object_mut().unwrap();
-        assert!(["extra_encoder", "bias_init"].iter().all(|key| model.remove(*key).is_some()));
-        assert_eq!(serde_json::from_value::<SceneSpec>(old).unwrap(), spec);
+    fn a_header_states_every_key_of_its_model() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("scene.safetensors");
+        let good = scene();
+        let mut spec = serde_json::to_value(Versioned::new(&good.spec)).unwrap();
+        spec["model"].as_object_mut().unwrap().remove("dilation").unwrap();
+        write_tensors(&path, &params::collect(&good), Some(("volseggs", spec.to_string()))).unwrap();
+        let error = Scene::load(&path, &DeviceName::all()[0].open().unwrap()).unwrap_err().to_string();
+        assert!(error.contains("scene.safetensors") && error.contains("`dilation`"), "{error}");
     }
 
     #[test]
@@ -265,7 +262,7 @@ mod tests {
         for (edit, words) in cases {
             let mut spec = good.spec.clone();
             edit(&mut spec);
-            let text = serde_json::to_string(&spec).unwrap();
+            let text = versioned::to_json(&spec).unwrap();
             write_tensors(&path, &params::collect(&good), Some(("volseggs", text))).unwrap();
             let error = Scene::load(&path, &device).unwrap_err().to_string();
             assert!(error.contains(words) && error.contains("scene.safetensors"), "{error}");
@@ -273,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn the_implicit_encoder_is_saved_and_read_and_its_first_form_is_refused() {
+    fn the_implicit_encoder_is_saved_and_read() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("scene.safetensors");
         let device = DeviceName::all()[0].open().unwrap();
@@ -283,25 +280,6 @@ mod tests {
         assert_eq!((params::collect(&read), &read.spec), (params::collect(&scene), &scene.spec));
         let means = |scene: &Scene| params::to_vec(scene.at(0.3).means);
         assert_eq!(means(&read), means(&scene));
-
-        // as early versions wrote it: other tensors, and none of the later keys
-        let mut tensors = params::collect(&scene);
-        tensors.retain(|name, _| !name.starts_with("field.encoder"));
-        tensors.insert(OLD_IMPLICIT.into(), HostTensor { shape: vec![25, 8], values: vec![0.1; 200] });
-        let mut spec = serde_json::to_value(&scene.spec).unwrap();
-        let model = spec["model"].as_object_mut().unwrap();
-        model.retain(|key, _| !key.starts_with("implicit_") || key == "implicit_octaves");
-        write_tensors(&path, &tensors, Some(("volseggs", spec.to_string()))).unwrap();
-        let error = Scene::load(&path, &device).unwrap_err().to_string();
-        assert!(error.contains("early versions") && error.contains("train again"), "{error}");
-
-        // a factorised one of that time still reads
-        let old = scene_of(EncoderKind::Factorised);
-        let mut spec = serde_json::to_value(&old.spec).unwrap();
-        let model = spec["model"].as_object_mut().unwrap();
-        model.retain(|key, _| !key.starts_with("implicit_") || key == "implicit_octaves");
-        write_tensors(&path, &params::collect(&old), Some(("volseggs", spec.to_string()))).unwrap();
-        assert_eq!(means(&Scene::load(&path, &device).unwrap()), means(&old));
     }
 
     #[test]
@@ -314,7 +292,7 @@ mod tests {
             tensor.shape[0] = 0;
             tensor.values.clear();
         }
-        let text = serde_json::to_string(&good.spec).unwrap();
+        let text = versioned::to_json(&good.spec).unwrap();
         write_tensors(&path, &tensors, Some(("volseggs", text))).unwrap();
         let device = DeviceName::all()[0].open().unwrap();
         assert!(Scene::load(&path, &device).unwrap_err().to_string().contains("holds no Gaussians"));

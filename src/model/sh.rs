@@ -1,8 +1,8 @@
 //! Spherical harmonics on the host, for what segments and edits do with a Gaussian's colour coefficients.
 //!
 //! Constants of bands 0 and 1 are the nearest single-precision numbers here. Drawing ([`volseggs_kernels::sh`]) uses
-//! the digits of the reference rasteriser, which come out one unit in the last place away; both are kept, so that
-//! scenes, segments and edits of earlier versions stay bit-identical.
+//! the digits of the reference rasteriser, which come out one unit in the last place away; both are kept, as
+//! a change of either would change the bits of scenes, segments and edits.
 
 use volseggs_kernels::sh::{self, Bands};
 

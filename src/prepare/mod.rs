@@ -24,6 +24,7 @@ use crate::data::transforms::{FrameRecord, Intrinsics, Transforms};
 use crate::draw::views::view_sheet;
 use crate::files::{AtomicDir, FolderKind, ReplaceError, write_atomic};
 use crate::memory::TooLarge;
+use crate::versioned;
 use crate::volume::error::VolumeError;
 use crate::volume::placement::Placement;
 use crate::volume::raycast::RayCaster;
@@ -323,7 +324,7 @@ fn build(
         load_seconds,
         peak_memory_bytes: crate::memory::peak_memory(),
     };
-    let json = serde_json::to_vec_pretty(&record).map_err(|e| write_error(root, &e))?;
+    let json = versioned::to_json_pretty(&record).map_err(|e| write_error(root, &e))?;
     for (name, bytes) in [(record::FILE, json), ("transfer-function.toml", transfer.to_toml().into_bytes())] {
         let path = root.join(name);
         write_atomic(&path, &bytes).map_err(|e| write_error(&path, &e))?;

@@ -3,6 +3,7 @@
 use crate::data::calibration::PREPARED;
 use crate::data::{Calibration, Normalisation};
 use crate::files::read_text;
+use crate::versioned;
 use crate::volume::directions::Directions;
 use crate::volume::grid::Grid;
 use crate::volume::placement::Placement;
@@ -42,11 +43,10 @@ pub struct PrepareRecord {
     /// Half the size of the box that encloses the volume along the axes of the scene, centred at its origin, scene units.
     pub half_size: [f64; 3],
     /// Physical space and time of the scene.
-    #[serde(default)]
     pub calibration: Calibration,
     /// Number of steps of the series.
     pub steps: usize,
-    /// Time of each step in [0, 1] where they are not evenly spaced; missing in records of old versions.
+    /// Time of each step in [0, 1] where they are not evenly spaced.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub times: Option<Vec<f64>>,
     /// Time of each step as the files or the user give it, in the unit of the calibration; `None` where it is unknown.
@@ -62,8 +62,7 @@ pub struct PrepareRecord {
     pub size: [u32; 2],
     /// Names of the segments, if any are known.
     pub segments: Vec<String>,
-    /// Times in [0, 1] that training sees and whose training images are all empty; missing in records of old versions.
-    #[serde(default)]
+    /// Times in [0, 1] that training sees and whose training images are all empty.
     pub empty_times: Vec<f64>,
     /// Total time, seconds.
     pub seconds: f64,
@@ -126,7 +125,7 @@ impl PrepareRecord {
     pub fn read(folder: &Path) -> Result<Option<Self>, RecordError> {
         let path = folder.join(FILE);
         let read = match read_text(&path) {
-            Ok(text) => serde_json::from_str(&text)
+            Ok(text) => versioned::from_json(text)
                 .map(Some)
                 .map_err(|e| format!("{e}; make the dataset again with this version of `volseggs prepare`")),
             Err(e) if matches!(e.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => Ok(None),

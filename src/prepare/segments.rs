@@ -9,6 +9,7 @@ use super::{FileLabels, MASK_ALPHA, PrepareError, Source};
 use crate::data::truth::{FILE, SegmentEntry, SegmentFile, SegmentFrame, VolumeEntry};
 use crate::data::{SplitName, TruthVolume};
 use crate::files::write_atomic;
+use crate::versioned;
 use crate::volume::grid::Labels;
 use crate::volume::raycast::{Cells, Picture, RayCaster};
 use crate::volume::transfer::TransferFunction;
@@ -255,7 +256,7 @@ impl<'a> SegmentWriter<'a> {
         };
         let path = self.root.join(FILE);
         let error = |e: &dyn std::fmt::Display| PrepareError::Write { path: path.clone(), reason: e.to_string() };
-        let json = serde_json::to_vec_pretty(&file).map_err(|e| error(&e))?;
+        let json = versioned::to_json_pretty(&file).map_err(|e| error(&e))?;
         write_atomic(&path, &json).map_err(|e| error(&e))?;
         Ok(names)
     }

@@ -50,7 +50,7 @@ fn a_dataset_opens_and_its_truth_is_there() {
     assert!(dataset.train.images.frame(0).chunks_exact(4).any(|p| p[3] > 0));
 
     let text = std::fs::read_to_string(out.join("segments.json")).unwrap();
-    let file: SegmentFile = serde_json::from_str(&text).unwrap();
+    let file: SegmentFile = crate::versioned::from_json(&text).unwrap();
     let names: Vec<&str> = file.segments.iter().map(|s| s.name.as_str()).collect();
     assert_eq!(names, Synthetic::Shells.segment_names());
     assert_eq!(record.segments, names);

@@ -2,11 +2,10 @@
 
 use super::saved::SavedView;
 use super::{OpenRun, RunError, Trained};
-use crate::data::dataset::read_views;
 use crate::data::images::ImageSet;
 use crate::data::paths::Lens;
 use crate::data::transforms::FrameRecord;
-use crate::data::{Camera, SplitName, Surroundings, Transforms};
+use crate::data::{Camera, SplitName, Transforms};
 use crate::export::images::to_rgb8;
 use crate::memory::{Budget, product};
 use glam::DVec3;
@@ -89,37 +88,15 @@ fn check_distance(flag: &str, distance: f64, half_size: f64) -> Result<(), RunEr
 impl OpenRun {
     /// Returns the standard deviation by which drawing widens Gaussians at the scene's centre, in pictures of the size
     /// that it was trained on, scene units: what is measured in space is what was seen.
-    ///
-    /// # Errors
-    /// As for [`OpenRun::surroundings`].
-    pub fn widening(&self) -> Result<f64, RunError> {
-        Ok(self.scene.spec.rendering().widening(self.surroundings()?.pixel()))
+    #[must_use]
+    pub fn widening(&self) -> f64 {
+        self.scene.spec.rendering().widening(self.record.surroundings.pixel())
     }
 }
 
 impl<S: Trained> OpenRun<S> {
-    /// Returns the lens of the run's dataset and the sphere on which its cameras stand, as its record keeps them.
-    ///
-    /// # Errors
-    /// If an early version recorded neither, and the dataset is no longer there or has no training views.
-    pub fn surroundings(&self) -> Result<Surroundings, RunError> {
-        if let Some(recorded) = self.record.surroundings {
-            return Ok(recorded);
-        }
-        let views = read_views(
-            &self.dataset()?,
-            SplitName::Train,
-            self.config.data.downscale,
-            Some(1),
-            &self.record.normalisation,
-        )?;
-        let (centre, _) = self.model().place();
-        // a split has at least one view
-        Ok(Surroundings::new(&views.frames[0].camera, centre))
-    }
-
     /// Returns the camera of `choice` and, for a test view or a saved view, its time. `lens` is that of
-    /// [`OpenRun::surroundings`]; a saved view has its own.
+    /// the training cameras; a saved view has its own.
     ///
     /// # Errors
     /// As for [`OpenRun::camera_at`] and [`OpenRun::test_view`], or if the picture of a saved view does not fit into
@@ -169,7 +146,7 @@ impl<S: Trained> OpenRun<S> {
     pub fn test_views(&self) -> Result<Vec<Placed>, RunError> {
         let json = Transforms::read(&SplitName::Test.json_path(&self.dataset()?))?;
         let json = json.normalised(&self.record.normalisation);
-        let Lens { width, height, .. } = self.surroundings()?.lens;
+        let Lens { width, height, .. } = self.record.surroundings.lens;
         let (centre, _) = self.model().place();
         let placed = |frame: &FrameRecord| {
             let camera = json.intrinsics.camera(width, height, frame.camera_to_world);

@@ -10,6 +10,7 @@ use crate::segment::masks::MaskReader;
 use crate::segment::segmentation::{Segment, Segmentation};
 use crate::train::run::RunRecord;
 use crate::train::{checkpoint, live, resume};
+use crate::versioned;
 use serde::Serialize;
 use std::path::Path;
 
@@ -116,7 +117,7 @@ impl Contents {
     fn record(&mut self, run: &Path) {
         let path = RunPaths(run).record();
         let text = read_text(&path).map_err(|e| e.to_string());
-        let record = text.and_then(|text| serde_json::from_str::<RunRecord>(&text).map_err(|e| e.to_string()));
+        let record = text.and_then(|text| versioned::from_json::<RunRecord>(text).map_err(|e| e.to_string()));
         let outcome = record.map(|record| {
             let status = status(run, &record.status).to_owned();
             let detail = format!(
@@ -166,7 +167,7 @@ impl Contents {
             }
             let text = read_text(&path).map_err(|e| format!("{}: {e}", path.display()));
             let read =
-                |text: String| serde_json::from_str::<Summary>(&text).map_err(|e| format!("{}: {e}", path.display()));
+                |text: String| versioned::from_json::<Summary>(text).map_err(|e| format!("{}: {e}", path.display()));
             let summary = text.and_then(read).map(|summary| {
                 if folder.file_name() == "test" {
                     self.test_psnr = Some(summary.psnr);

@@ -5,6 +5,7 @@ use crate::data::{Calibration, Dataset, OpenOptions, Split, SplitName};
 use crate::files::{RunPaths, read_text};
 use crate::train::open_measured;
 use crate::train::run::RunRecord;
+use crate::versioned;
 use crate::words::plain;
 use std::path::{Path, PathBuf};
 
@@ -101,6 +102,6 @@ pub fn dataset_of(run: &Path) -> Result<PathBuf, RunError> {
         RunError::input(format!("{}: {problem}; give the folder that `volseggs train --out` made", path.display()))
     };
     let text = read_text(&path).map_err(|e| bad(e.to_string()))?;
-    let record: RunRecord = serde_json::from_str(&text).map_err(|e| bad(e.to_string()))?;
+    let record: RunRecord = versioned::from_json(text).map_err(|e| bad(e.to_string()))?;
     record.find_dataset(run).map_err(RunError::input)
 }

@@ -153,7 +153,7 @@ impl<'r> RunFields<'r> {
     /// If an edit cannot be applied.
     pub fn at(&self, time: f64) -> Result<Vec<Field>, RunError> {
         let scene = &self.run.scene;
-        let at = self.grid.along(self.selection.at(scene, time as f32)?.widened(self.run.widening()?));
+        let at = self.grid.along(self.selection.at(scene, time as f32)?.widened(self.run.widening()));
         let opacity = at.opacity();
         let labels = vec![0; at.len()];
         let fields = Fields::new(&Cloud::new(&at, &opacity, &labels), &self.grid.scene).map_err(RunError::input)?;

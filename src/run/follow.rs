@@ -181,7 +181,7 @@ fn follow_all(
         all.leaves().iter().map(|name| all.get(name)).collect::<Result<Vec<_>, _>>().map_err(RunError::input)?;
     let others: Vec<&[u32]> =
         others.into_iter().filter(|s| s.origin != Origin::Group).map(|s| s.members.as_slice()).collect();
-    let widening = run.widening()?;
+    let widening = run.widening();
     let scene = |time: f64| goes_on().then(|| run.scene.host_at(time as f32).widened(widening));
     let spec = &run.scene.spec;
     let options = FollowOptions { trained: trained_times(run), ..FollowOptions::within(spec.centre, spec.half_size) };

@@ -287,7 +287,7 @@ fn check_groups(run: &OpenRun, list: &Handout, groups: &[Group]) -> Result<(), R
                     group.members.len()
                 )));
             }
-            Some(drawn) if !drawn.members.is_empty() && drawn.members != members_key(&group.members) => {
+            Some(drawn) if drawn.members != members_key(&group.members) => {
                 return Err(RunError::input(format!(
                     "{}: segment {} has other Gaussians now than when the pictures were written; {again}",
                     path.display(),

@@ -3,7 +3,7 @@
 use super::RunError;
 use crate::config::PRESETS;
 use crate::config::layers::Layers;
-use crate::config::types::{Config, VOLSEGGS};
+use crate::config::types::Config;
 use crate::edit::EditStack;
 use crate::files::{RunLock, RunPaths, Work};
 use crate::method;
@@ -12,6 +12,7 @@ use crate::segment::segmentation::Segmentation;
 use crate::shell;
 use crate::train::run::RunRecord;
 use crate::train::{checkpoint, live};
+use crate::versioned;
 use burn::tensor::Device;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -187,7 +188,11 @@ impl AnyRun {
 
     fn open_with(path: &Path, device: &Device, lock: Option<RunLock>) -> Result<Self, RunError> {
         check_newest(path)?;
-        let method = method_of(path)?;
+        let (folder, checkpoint) = checkpoint::locate(path);
+        checkpoint.ok_or_else(|| no_checkpoint(path))?;
+        let file = RunPaths(&folder).record();
+        let record = record_in(&file)?;
+        let method = method::find(&record.method).map_err(|e| RunError::input(format!("{}: {e}", file.display())))?;
         let load = |checkpoint: &Path| {
             method.open(&scene_of(checkpoint), device).map_err(|e| match e.is_damage() {
                 true => RunError::input(format!("{e}; {}", checkpoint::advice(checkpoint))),
@@ -197,11 +202,7 @@ impl AnyRun {
         let (run, found) = live::read_located(path, load)?;
         let (checkpoint, scene) = found.ok_or_else(|| no_checkpoint(path))?;
         let (path, scene_path) = (run.as_path(), scene_of(&checkpoint));
-        let paths = RunPaths(path);
-        let record = paths.record();
-        let record =
-            serde_json::from_str(&read(&record)?).map_err(|e| RunError::input(format!("{}: {e}", record.display())))?;
-        let config = config_in(&paths.config())?;
+        let config = config_in(&RunPaths(path).config())?;
         Ok(Self { path: path.to_owned(), _lock: lock, scene, scene_path, record, config, dataset: None })
     }
 }
@@ -284,15 +285,9 @@ fn read(file: &Path) -> Result<String, RunError> {
 
 /// Reads the configuration of a run from its file.
 pub(super) fn config_in(file: &Path) -> Result<Config, RunError> {
-    if !read(file)?.contains("[stages]") {
-        return Err(RunError::input(format!(
-            "{}: is no longer the configuration of a run; restore it",
-            file.display()
-        )));
-    }
-    // resolved through the layers, so that a run from before a key existed still opens
     let source = file.to_string_lossy().into_owned();
-    Ok(Layers::new(PRESETS).source(source).resolve::<Config>().map_err(RunError::input)?.value)
+    let resolved = Layers::new(PRESETS).source(source).resolve::<Config>().map_err(RunError::input)?;
+    resolved.complete(file).map_err(RunError::input)
 }
 
 /// Reads the edits in a file; none if there is no file yet.
@@ -300,12 +295,9 @@ pub(super) fn edits_in(path: &Path) -> Result<EditStack, RunError> {
     if path.exists() { EditStack::load(path).map_err(RunError::input) } else { Ok(EditStack::default()) }
 }
 
-/// Returns the method of the run at `path`. A record that cannot be read is reported later, with what is missing.
-fn method_of(path: &Path) -> Result<method::Found, RunError> {
-    let record = RunPaths(&checkpoint::locate(path).0).record();
-    let read = std::fs::read_to_string(&record).ok().and_then(|text| serde_json::from_str::<RunRecord>(&text).ok());
-    let name = read.map_or_else(|| VOLSEGGS.to_owned(), |record| record.method);
-    method::find(&name).map_err(|e| RunError::input(format!("{}: {e}", record.display())))
+/// Reads the record of a run from its file.
+fn record_in(file: &Path) -> Result<RunRecord, RunError> {
+    versioned::from_json(read(file)?).map_err(|e| RunError::input(format!("{}: {e}", file.display())))
 }
 
 /// Creates the error for a request that needs Gaussians on a run whose method has none.
@@ -337,15 +329,14 @@ fn check_newest(path: &Path) -> Result<(), RunError> {
 
 fn no_checkpoint(path: &Path) -> RunError {
     let run = path.display();
-    let record = std::fs::read_to_string(RunPaths(path).record()).ok();
-    RunError::input(match record.and_then(|text| serde_json::from_str::<RunRecord>(&text).ok()) {
-        Some(record) => format!(
+    RunError::input(match record_in(&RunPaths(path).record()) {
+        Ok(record) => format!(
             "{run}: training has not reached a checkpoint yet; if it is no longer running, start it again with \
              `volseggs train --data {} --config {} --out {}`",
             shell::path(&record.find_dataset(path).unwrap_or(record.dataset)),
             shell::path(&RunPaths(path).config()),
             shell::path(path)
         ),
-        None => format!("{run}: no checkpoint here; give the folder that `volseggs train --out` made"),
+        Err(_) => format!("{run}: no checkpoint here; give the folder that `volseggs train --out` made"),
     })
 }

@@ -4,6 +4,7 @@
 use super::{OpenRun, RunError};
 use crate::files::{AtomicDir, FolderKind, RunPaths, write_atomic};
 use crate::train::checkpoint;
+use crate::versioned;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -65,7 +66,7 @@ pub fn pack(run: &OpenRun, out: &Path) -> Result<PackedRun, RunError> {
     if let Ok(dataset) = run.dataset() {
         record.set_dataset(out, &dataset);
     }
-    let json = serde_json::to_vec_pretty(&record).map_err(RunError::failure)?;
+    let json = versioned::to_json_pretty(&record).map_err(RunError::failure)?;
     write_atomic(&new.record(), &json).map_err(|e| RunError::failure(format!("{}: {e}", new.record().display())))?;
     copy(&old.config(), &new.config())?;
     for (from, to) in [(old.segments(), new.segments()), (old.affinity(), new.affinity()), (old.edits(), new.edits())] {

@@ -9,6 +9,7 @@ use super::{OpenRun, RunError};
 use crate::export::images::{encode_png_with, to_rgb8};
 use crate::files::open_regular;
 use crate::shell;
+use crate::versioned::{self, FORMAT};
 use crate::words::plain;
 use burn::tensor::Device;
 use flate2::Crc;
@@ -24,8 +25,6 @@ pub const MAX_TEXT_BYTES: usize = 64 * 1024;
 const HEAD: u64 = 1 << 20;
 /// Keyword of the text in a picture.
 pub const KEYWORD: &str = "volseggs view";
-/// Version of the file format.
-const FORMAT: u32 = 1;
 /// The first bytes of a PNG.
 const PNG: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
 
@@ -33,7 +32,7 @@ const PNG: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SavedView {
-    /// Version of the file format, 1.
+    /// Version of the format, [`FORMAT`].
     pub format: u32,
     /// Version of the program that wrote it.
     pub version: String,
@@ -108,6 +107,7 @@ impl SavedView {
         let wrong = |e: String| RunError::input(format!("{name}: not a valid view: {e}"));
         let json = |e: serde_json::Error| wrong(plain(&e.to_string()));
         let saved = if value.get("view").is_some() {
+            versioned::check(value.get(versioned::KEY)).map_err(|e| wrong(e.to_string()))?;
             serde_json::from_value::<Self>(value).map_err(json)?
         } else {
             let view = serde_json::from_value(value).map_err(json)?;
@@ -120,9 +120,6 @@ impl SavedView {
                 view,
             }
         };
-        if saved.format != FORMAT {
-            return Err(wrong(format!("format {} is of another version of the program", saved.format)));
-        }
         saved.view.check().map_err(wrong)?;
         Ok(saved)
     }
@@ -255,11 +252,12 @@ mod tests {
             (good[..200].to_vec(), "damaged"),
             (png(KEYWORD, "{}"), "missing"),
             (b"GIF89a\xff\xff\xff\xff".to_vec(), "neither"),
-            (b"{\"view\": 3}".to_vec(), "not a valid view"),
+            (b"{\"view\": 3}".to_vec(), "format: is missing"),
+            (b"{\"format\": 1, \"view\": 3}".to_vec(), "not a valid view"),
             (" ".repeat(1 << 20).into_bytes(), "longer"),
             ("[".repeat(60_000).into_bytes(), "not a valid view"),
             (json.replace("\"time\":0.5", "\"time\":7").into_bytes(), "between 0 and 1"),
-            (json.replace("\"format\":1", "\"format\":2").into_bytes(), "another version"),
+            (json.replace("\"format\":1", "\"format\":2").into_bytes(), "is 2, but this program reads 1"),
             (Vec::new(), "not a valid view"),
         ] {
             let error = reads(&bytes).unwrap_err();

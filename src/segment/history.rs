@@ -276,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_without_history_opens_and_a_hostile_one_is_refused() {
+    fn a_hostile_file_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("segments.safetensors");
         let write = |entry: serde_json::Value, indices: &[u32]| {
@@ -289,7 +289,7 @@ mod tests {
         let entry = |names: &[&str]| {
             let one = |name: &&str| serde_json::json!({ "name": name, "colour": [0.0, 0.0, 1.0], "time": 0.5, "origin": { "kind": "coarse" } });
             let all: Vec<_> = names.iter().map(one).collect();
-            serde_json::json!({ "gaussians": 9, "scene": "abc", "segments": all })
+            serde_json::json!({ "format": 1, "gaussians": 9, "scene": "abc", "segments": all, "undo": [], "redo": [] })
         };
         write(entry(&["red"]), &[1, 2]);
         let mut found = History::load(&path).unwrap();

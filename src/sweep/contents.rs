@@ -50,11 +50,6 @@ impl Contents {
         Ok(())
     }
 
-    /// True if there are none.
-    pub(super) fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
     /// The digests of these LPIPS weights as text, empty without weights.
     pub(super) fn of_lpips(&self, weights: &[PathBuf]) -> String {
         self.text(weights.iter().map(PathBuf::as_path))
@@ -66,7 +61,6 @@ impl Contents {
     }
 
     fn text<'a>(&self, names: impl Iterator<Item = &'a Path>) -> String {
-        // plans of early versions have no digests
         names.filter_map(|name| self.0.get(name)).map(|digest| format!(" {digest}")).collect()
     }
 }

@@ -39,7 +39,6 @@ pub struct DataPlan {
     /// Width and height of the images as stored on disk.
     pub size: [u32; 2],
     /// What distinguishes its test views and ground truth from others with the same training views.
-    #[serde(default)]
     pub measured: String,
 }
 

@@ -19,6 +19,7 @@ use crate::compare::metric::metric;
 use crate::memory::Budget;
 use crate::method;
 use crate::program;
+use crate::versioned;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -49,8 +50,7 @@ pub struct PlanOptions {
 pub struct Plan {
     /// Version of the program.
     pub version: String,
-    /// Digest of the program, see [`crate::program`]; empty in plans of early versions.
-    #[serde(default)]
+    /// Digest of the program, see [`crate::program`].
     pub build: String,
     /// Name of the sweep's folder.
     pub name: String,
@@ -67,7 +67,6 @@ pub struct Plan {
     /// How runs are measured.
     pub eval: EvalSpec,
     /// Digests of the weights and masks that they are measured with.
-    #[serde(default, skip_serializing_if = "Contents::is_empty")]
     pub contents: Contents,
     /// Early stopping.
     pub halving: Option<HalvingSpec>,
@@ -296,7 +295,8 @@ impl Plan {
 
     fn text(&self) -> String {
         // only maps whose keys are not text have no JSON form, and a plan has none of these
-        serde_json::to_string_pretty(self).unwrap_or_default()
+        let text = versioned::to_json_pretty(self).unwrap_or_default();
+        String::from_utf8(text).unwrap_or_default()
     }
 
     /// Returns what distinguishes this plan from others of the same sweep, eight hexadecimal digits.
@@ -312,7 +312,7 @@ impl Plan {
     pub fn load(dir: &Path, hash: Option<&str>) -> Result<Self, SweepError> {
         let path = hash.map_or(dir.join("plan.json"), |hash| dir.join("plans").join(format!("{hash}.json")));
         let text = crate::files::read_text(&path).map_err(|e| SweepError::io(&path, e))?;
-        let plan = serde_json::from_str(&text)
+        let plan = versioned::from_json(&text)
             .map_err(|e| e.to_string())
             .and_then(|plan: Self| check_plan(&plan).map(|()| plan))
             .map_err(|e| SweepError::io(&path, format!("{e}; plan again with `volseggs sweep FILE`")))?;

@@ -345,7 +345,7 @@ fn changed_test_views_or_ground_truth_are_measured_again_without_training() {
         volumes: vec![VolumeEntry { time: 0.0, file: "./volume.safetensors".into() }],
         lineage: Vec::new(),
     };
-    std::fs::write(data.path().join(crate::data::truth::FILE), serde_json::to_vec(&file).unwrap()).unwrap();
+    std::fs::write(data.path().join(crate::data::truth::FILE), crate::versioned::to_json(&file).unwrap()).unwrap();
     let [one, two] = ["one", "two"].map(|content| {
         std::fs::write(data.path().join("volume.safetensors"), content).unwrap();
         places()

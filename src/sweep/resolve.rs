@@ -48,7 +48,7 @@ impl Base<'_> {
             .sets(assignments(&variant.settings))
             .sets([format!("seed={seed}")]);
         let resolved = layers.resolve::<Config>().map_err(|e| bad(e.to_string()))?;
-        method::check_new(&resolved.value).map_err(|e| bad(e.to_string()))?;
+        method::check(&resolved.value).map_err(|e| bad(e.to_string()))?;
         let toml = resolved.to_toml().map_err(|e| bad(e.to_string()))?;
         let segments = self.segments(&set, &variant.settings).map_err(&bad)?;
         if let Some(spec) = &segments {

@@ -3,12 +3,13 @@
 use super::key::short_hash;
 use super::plan::Plan;
 use super::spec::SegmentSpec;
-use crate::compare::metric::upgrade;
 use crate::files::{RunPaths, read_text, write_atomic};
 use crate::program;
-use serde::de::DeserializeOwned;
+use crate::versioned::{self, VersionedError};
+use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::iter;
 use std::path::{Path, PathBuf};
 
 /// Metrics by id.
@@ -26,18 +27,10 @@ pub(super) const OF_RUNS: [&str; 7] =
 /// A file of metrics: those of a run, or of its segments by name.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measured<T> {
-    /// Digest of the program that measured, see [`crate::program`]; empty in files of early versions.
+    /// Digest of the program that measured, see [`crate::program`]; empty if unknown.
     pub build: String,
     /// What was measured.
     pub metrics: T,
-}
-
-/// A [`Measured`], or the metrics alone, as early versions wrote them.
-#[derive(Deserialize)]
-#[serde(untagged)]
-enum MeasuredFile<T> {
-    Current(Measured<T>),
-    Legacy(T),
 }
 
 /// `failed.json`: why a run failed.
@@ -98,28 +91,19 @@ fn text_of(value: &impl Serialize) -> String {
 /// Reads one of these files; `None` if it is missing or not complete.
 #[must_use]
 pub fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
-    serde_json::from_str(&read_text(path).ok()?).ok()
+    versioned::from_json(read_text(path).ok()?).ok()
 }
 
 /// Reads what was measured of a whole run; `None` if the file is missing or not complete.
 #[must_use]
 pub fn read_metrics(path: &Path) -> Option<Measured<Metrics>> {
-    let mut found = read_measured::<Metrics>(path)?;
-    upgrade(&mut found.metrics);
-    Some(found)
+    read(path)
 }
 
 /// Reads what was measured of segments, by their name; `None` if the file is missing or not complete.
 #[must_use]
 pub fn read_segments(path: &Path) -> Option<Measured<BTreeMap<String, Metrics>>> {
-    read_measured(path)
-}
-
-fn read_measured<T: DeserializeOwned>(path: &Path) -> Option<Measured<T>> {
-    Some(match read(path)? {
-        MeasuredFile::Current(measured) => measured,
-        MeasuredFile::Legacy(metrics) => Measured { build: String::new(), metrics },
-    })
+    read(path)
 }
 
 /// Writes metrics with the program's build.
@@ -136,7 +120,7 @@ pub fn write_measured(path: &Path, metrics: impl Serialize) -> Result<(), String
 /// # Errors
 /// A message that names the file.
 pub fn write(path: &Path, value: &impl Serialize) -> Result<(), String> {
-    let json = serde_json::to_vec_pretty(value).map_err(|e| e.to_string())?;
+    let json = versioned::to_json_pretty(value).map_err(|e| e.to_string())?;
     write_atomic(path, &json).map_err(|e| format!("{}: {e}", path.display()))
 }
 
@@ -151,6 +135,14 @@ pub enum Progress {
     Open,
 }
 
+/// Returns why a file is not of this version of the program, if it is not.
+fn other_format(path: &Path) -> Option<String> {
+    match versioned::from_json::<IgnoredAny>(read_text(path).ok()?) {
+        Err(VersionedError::Format(error)) => Some(format!("{}: {error}", path.display())),
+        Ok(_) | Err(VersionedError::Json(_)) => None,
+    }
+}
+
 /// Returns how far run `index` of `plan` is.
 #[must_use]
 pub fn progress(plan: &Plan, index: usize) -> Progress {
@@ -160,9 +152,13 @@ pub fn progress(plan: &Plan, index: usize) -> Progress {
 /// Like [`progress`], but in `folder`.
 #[must_use]
 pub fn progress_in(plan: &Plan, index: usize, folder: &Path) -> Progress {
-    let measured = read_metrics(&metrics_in(plan, index, folder)).is_some();
-    let segments = |s| read_segments(&segments_in(plan, index, s, folder)).is_some();
-    if measured && plan.runs[index].segments.iter().all(segments) {
+    let metrics = metrics_in(plan, index, folder);
+    let segments: Vec<PathBuf> =
+        plan.runs[index].segments.iter().map(|s| segments_in(plan, index, s, folder)).collect();
+    if let Some(error) = iter::once(&metrics).chain(&segments).find_map(|path| other_format(path)) {
+        return Progress::Failed(Failure { error, stage: "process".to_owned() });
+    }
+    if read_metrics(&metrics).is_some() && segments.iter().all(|path| read_segments(path).is_some()) {
         return Progress::Done;
     }
     read(&failure_path(folder)).map_or(Progress::Open, Progress::Failed)
@@ -182,22 +178,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn legacy_metrics_are_read_with_current_names() {
+    fn metrics_are_read_as_they_were_written() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("metrics-00.json");
-        std::fs::write(&path, r#"{"fps": 20.5, "model_mb": 1.048576, "psnr": 27.0}"#).unwrap();
-        let found = read_metrics(&path).unwrap();
-        assert_eq!((found.build.as_str(), found.metrics["psnr"]), ("", 27.0));
-        assert_eq!((found.metrics.get("fps"), found.metrics["fps_with_copy"]), (None, 20.5));
-        assert!((found.metrics["model_mib"] - 1.0).abs() < 1e-12);
         let now = Metrics::from([("fps".to_owned(), 2.0), ("fps_with_copy".to_owned(), 1.0)]);
         write_measured(&path, &now).unwrap();
         let found = read_metrics(&path).unwrap();
         assert_eq!((found.metrics, found.build.len()), (now, 32));
 
         // segments whose names are those of fields
-        std::fs::write(&path, r#"{"build": {"iou": 80.0}, "metrics": {"iou": 70.0}}"#).unwrap();
+        std::fs::write(&path, r#"{"format": 1, "build": "", "metrics": {"build": {"iou": 80.0}}}"#).unwrap();
         assert_eq!(read_segments(&path).unwrap().metrics["build"]["iou"], 80.0);
+        assert_eq!(other_format(&path), None);
+        std::fs::write(&path, r#"{"format": 2, "build": "", "metrics": {}}"#).unwrap();
+        let error = other_format(&path).unwrap();
+        assert!(error.contains("metrics-00.json: format: is 2") && read_segments(&path).is_none(), "{error}");
         for wrong in ["", "[]", r#"{"psnr": "high"}"#] {
             std::fs::write(&path, wrong).unwrap();
             assert_eq!(read_metrics(&path), None, "{wrong}");

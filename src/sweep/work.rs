@@ -212,7 +212,7 @@ impl Worker<'_> {
         }
         let options = spec.options(seed).map_err(failed("segments"))?;
         let truth = Truth::read(data).map_err(failed("segments"))?;
-        let widening = trained.widening().map_err(failed("segments"))?;
+        let widening = trained.widening();
         // never committed: it is removed when this ends, or now if an earlier process was killed
         let work = AtomicDir::create(&self.folder.join("masks")).map_err(failed("segments"))?;
         let (mut evaluation, _) =

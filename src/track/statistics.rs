@@ -90,10 +90,8 @@ pub struct SegmentStatistics {
     /// Opacity-weighted mean colour.
     pub colour: Option<[f64; 3]>,
     /// Pixels that the segment alone covers in a picture; `None` if none was drawn.
-    #[serde(default)]
     pub projected_area: Option<u64>,
     /// The same as a fraction of the picture.
-    #[serde(default)]
     pub projected_share: Option<f64>,
 }
 

@@ -9,6 +9,7 @@ use crate::files::{AtomicDir, FolderKind, ReplaceError, RunPaths, remove_whole, 
 use crate::model::Scene;
 use crate::model::scene_file::{SceneError, read_tensors, refuse_not_finite, write_tensors};
 use crate::shell;
+use crate::versioned;
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -99,7 +100,6 @@ pub struct State {
     /// Seconds of training so far.
     pub seconds: f64,
     /// Whether the scene is packed and what only training needs is omitted: it can be viewed, but not trained further.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub packed: bool,
 }
 
@@ -239,7 +239,7 @@ pub fn read_state(checkpoint: &Path) -> Result<State, CheckpointError> {
     let path = checkpoint.join(STATE);
     let bad = |e: &dyn std::fmt::Display| CheckpointError::File { path: path.clone(), reason: e.to_string() };
     let text = std::fs::read_to_string(&path).map_err(|e| bad(&e))?;
-    serde_json::from_str(&text).map_err(|e| bad(&e))
+    versioned::from_json(&text).map_err(|e| bad(&e))
 }
 
 /// Writes the viewable part of `checkpoint` into `run`, a folder not yet visible to others: `scene`, which is its
@@ -254,7 +254,7 @@ pub fn save_packed(run: &Path, scene: &Scene, checkpoint: &Path) -> Result<PathB
     std::fs::create_dir_all(&path).map_err(|e| bad(&e))?;
     let file = path.join(RunPaths::SCENE);
     scene.save_packed(&file)?;
-    let json = serde_json::to_vec_pretty(&state).map_err(|e| bad(&e))?;
+    let json = versioned::to_json_pretty(&state).map_err(|e| bad(&e))?;
     write_atomic(&path.join(STATE), &json).map_err(|e| bad(&e))?;
     Ok(file)
 }
@@ -273,7 +273,7 @@ pub fn save(run: &Path, training: &dyn Training, state: &State, keep: usize) -> 
     let moments = training.state();
     refuse_not_finite(&path.join(OPTIMIZER), &moments)?;
     write_tensors(&dir.dir().join(OPTIMIZER), &moments, None)?;
-    let json = serde_json::to_vec_pretty(state).map_err(|e| file_error(&e))?;
+    let json = versioned::to_json_pretty(state).map_err(|e| file_error(&e))?;
     write_atomic(&dir.dir().join(STATE), &json).map_err(|e| file_error(&e))?;
     dir.commit_replacing(&KIND, &[])?;
     let all = list(run);

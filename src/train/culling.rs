@@ -8,7 +8,7 @@ use volseggs_kernels::splat::ALPHA_MIN;
 
 /// Bits that one number of a checkpoint holds exactly.
 const BITS: usize = 16;
-/// Prefix of its tensors in a checkpoint, kept as in files of earlier versions.
+/// Prefix of its tensors in a checkpoint.
 const PREFIX: &str = "asleep.";
 
 /// The culled Gaussians of each time seen so far.

@@ -44,7 +44,7 @@ pub struct Changes {
 }
 
 impl Waiting {
-    /// Marks it in a checkpoint. Those of early versions lack it: there, changes were applied before saving.
+    /// Marks it in a checkpoint.
     const NAME: &'static str = "densify.waiting";
 
     /// Notes that a step was taken.

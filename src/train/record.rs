@@ -1,6 +1,5 @@
 //! The record of a run, `run.json`: how it was trained, and what is needed of its dataset where that is gone.
 
-use crate::config::types::VOLSEGGS;
 use crate::data::{Calibration, Normalisation, Surroundings};
 use crate::shell;
 use serde::{Deserialize, Serialize};
@@ -11,11 +10,9 @@ use std::path::{Component, Path, PathBuf};
 pub struct RunRecord {
     /// Version of the program.
     pub version: String,
-    /// The method; VolSegGS in records of early versions, which had no other.
-    #[serde(default = "ours")]
+    /// The method.
     pub method: String,
-    /// Digest of the program, see [`crate::program`]; empty in records of early versions.
-    #[serde(default)]
+    /// Digest of the program, see [`crate::program`].
     pub build: String,
     /// Digests of other builds that took earlier steps, if the run was resumed with a different one.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -28,20 +25,17 @@ pub struct RunRecord {
     pub threads: usize,
     /// Dataset folder, absolute.
     pub dataset: PathBuf,
-    /// The same folder as seen from the run's, so that both can be moved together; missing in records of early versions.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub dataset_from_run: Option<PathBuf>,
+    /// The same folder as seen from the run's, so that both can be moved together.
+    pub dataset_from_run: PathBuf,
     /// Fingerprint of the dataset.
     pub fingerprint: String,
     /// Physical space and time of the scene, as the dataset gave them.
-    #[serde(default)]
     pub calibration: Calibration,
     /// How the scene's coordinates follow from those of the dataset.
     #[serde(default, skip_serializing_if = "Normalisation::is_none")]
     pub normalisation: Normalisation,
-    /// Lens and distance of the training cameras; missing in records of early versions.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub surroundings: Option<Surroundings>,
+    /// Lens and distance of the training cameras.
+    pub surroundings: Surroundings,
     /// `running`, `interrupted` or `complete`.
     pub status: String,
     /// Steps taken.
@@ -54,31 +48,23 @@ pub struct RunRecord {
     pub peak_memory_bytes: u64,
 }
 
-fn ours() -> String {
-    VOLSEGGS.to_owned()
-}
-
 /// The error for a dataset that is not where the record says.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: the dataset is no longer there{}; give its folder with --data, or record it with `volseggs relocate {} --data DATASET`", recorded.display(), nor_at(beside.as_deref()), shell::path(run))]
+#[error("{}: the dataset is no longer there, nor at {}; give its folder with --data, or record it with `volseggs relocate {} --data DATASET`", recorded.display(), beside.display(), shell::path(run))]
 pub struct DatasetMissing {
     /// Where it was.
     pub recorded: PathBuf,
     /// Where it would be if it had been moved together with the run.
-    pub beside: Option<PathBuf>,
+    pub beside: PathBuf,
     /// The run's folder.
     pub run: PathBuf,
-}
-
-fn nor_at(beside: Option<&Path>) -> String {
-    beside.map_or_else(String::new, |path| format!(", nor at {}", path.display()))
 }
 
 impl RunRecord {
     /// Records the folder of the dataset, `root`, also as seen from the folder `run` of this record.
     pub fn set_dataset(&mut self, run: &Path, root: &Path) {
         let [run, root] = [run, root].map(whole);
-        (self.dataset_from_run, self.dataset) = (Some(relative(&run, &root)), root);
+        (self.dataset_from_run, self.dataset) = (relative(&run, &root), root);
     }
 
     /// Returns the folder of the dataset: where it was or, if it is no longer there, where it lies if it was moved together
@@ -90,11 +76,11 @@ impl RunRecord {
         if self.dataset.is_dir() {
             return Ok(self.dataset.clone());
         }
-        let beside = self.dataset_from_run.as_ref().map(|path| run.join(path));
-        match beside {
-            Some(path) if path.is_dir() => Ok(std::fs::canonicalize(&path).unwrap_or(path)),
-            beside => Err(DatasetMissing { recorded: self.dataset.clone(), beside, run: run.to_owned() }),
+        let beside = run.join(&self.dataset_from_run);
+        if beside.is_dir() {
+            return Ok(std::fs::canonicalize(&beside).unwrap_or(beside));
         }
+        Err(DatasetMissing { recorded: self.dataset.clone(), beside, run: run.to_owned() })
     }
 }
 

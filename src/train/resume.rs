@@ -5,8 +5,6 @@
 //! next step on (a rate that had fallen to its end rises to its value in the longer schedule, and a late DSSIM moves to
 //! the new end), so a lengthened run differs from a run of that length from the start.
 
-use crate::config::legacy::implied;
-use crate::config::types::Config;
 use std::collections::BTreeMap;
 use std::fmt;
 use toml::{Table, Value};
@@ -18,10 +16,6 @@ const LENGTH: &str = "stages.joint_steps";
 pub(super) const AVERAGE: &str = "optim.average";
 /// The file of the VGG weights, which may have moved.
 const VGG: &str = "insitunet.vgg";
-
-/// Key of the encoder, and prefix of the keys that only the implicit encoder reads: their defaults have changed.
-const ENCODER: &str = "model.encoder";
-const IMPLICIT: &str = "model.implicit_";
 
 /// A key whose value differs from the checkpoint's.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,13 +47,8 @@ pub fn changes(was: &str, now: &str, step: usize) -> Result<(Vec<Change>, Vec<Ch
     let (old, new) = (flat(was)?, flat(now)?);
     let shown = |v: Option<&Value>| v.map_or_else(|| "not set".to_owned(), ToString::to_string);
     let keys: std::collections::BTreeSet<&String> = old.keys().chain(new.keys()).collect();
-    let implicit = |all: &BTreeMap<String, Value>| all.get(ENCODER).and_then(Value::as_str) == Some("implicit");
-    let read = implicit(&old) || implicit(&new);
     let mut found = (Vec::new(), Vec::new());
     for key in keys {
-        if key.starts_with(IMPLICIT) && !read {
-            continue;
-        }
         let (before, after) = (old.get(key), new.get(key));
         if before == after {
             continue;
@@ -83,15 +72,10 @@ fn refusal(key: &str, before: Option<&Value>, after: Option<&Value>, step: usize
     Some(format!("it shaped the {step} steps already taken"))
 }
 
-/// Returns every key with its value; a key that an early version did not write has its default, or the value that
-/// matches what that version did.
+/// Returns every key with its value.
 fn flat(text: &str) -> Result<BTreeMap<String, Value>, String> {
     let table: Table = text.parse().map_err(|e: toml::de::Error| format!("configuration: {}", e.message()))?;
     let mut all = BTreeMap::new();
-    if let Ok(Value::Table(defaults)) = Value::try_from(Config::default()) {
-        flatten("", &defaults, &mut all);
-    }
-    all.extend(implied(&table).into_iter().map(|(key, value)| (key.to_owned(), value)));
     flatten("", &table, &mut all);
     Ok(all)
 }
@@ -109,7 +93,7 @@ fn flatten(prefix: &str, table: &Table, all: &mut BTreeMap<String, Value>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::types::EncoderKind;
+    use crate::config::types::Config;
 
     fn text(edit: impl Fn(&mut Config)) -> String {
         let mut config = Config::default();
@@ -144,38 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_that_no_encoder_of_the_run_reads_may_differ() {
-        let of = |encoder: EncoderKind, octaves: usize| {
-            text(|c| (c.model.encoder, c.model.implicit_octaves) = (encoder, octaves))
-        };
-        let (factorised, implicit) = (EncoderKind::Factorised, EncoderKind::Implicit);
-        assert_eq!(changes(&of(factorised, 4), &of(factorised, 10), 5).unwrap(), (Vec::new(), Vec::new()));
-        let (_, refused) = changes(&of(implicit, 4), &of(implicit, 10), 5).unwrap();
-        assert!(refused[0].to_string().contains("model.implicit_octaves was 4 and is 10 now"), "{}", refused[0]);
-        assert_eq!(changes(&of(factorised, 4), &of(implicit, 10), 5).unwrap().1.len(), 2);
-    }
-
-    #[test]
-    fn a_key_that_an_early_version_did_not_write_has_its_default() {
-        let base = text(|_| ());
-        let old: String = base.lines().filter(|l| !l.starts_with("cull_visits")).map(|l| format!("{l}\n")).collect();
-        assert_ne!(old, base);
-        assert_eq!(changes(&old, &base, 5).unwrap(), (Vec::new(), Vec::new()));
-        assert!(changes("a = [", &base, 5).is_err());
-    }
-
-    #[test]
-    fn runs_older_than_the_warm_up_schedule_keep_their_schedule() {
-        let without = |text: &str| -> String {
-            text.lines().filter(|l| !l.starts_with("warmup_decay_steps")).map(|l| format!("{l}\n")).collect()
-        };
-        // `best`: the same as the default
-        let best = text(|_| ());
-        assert_eq!(changes(&without(&best), &best, 5).unwrap(), (Vec::new(), Vec::new()));
-        // in a shorter run, rates fell over its own length
-        let short = text(|c| c.stages.joint_steps = 9000);
-        assert_eq!(changes(&without(&short), &without(&short), 5).unwrap(), (Vec::new(), Vec::new()));
-        let (_, refused) = changes(&without(&short), &short, 5).unwrap();
-        assert!(refused[0].to_string().contains("optim.warmup_decay_steps was 9000 and is 30000 now"), "{refused:?}");
+    fn a_checkpoint_without_a_configuration_is_refused() {
+        assert!(changes("a = [", &text(|_| ()), 5).is_err());
     }
 }

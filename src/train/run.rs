@@ -18,6 +18,7 @@ use crate::metrics::psnr::{psnr_of_pictures, to_8_bits};
 use crate::model::Model;
 use crate::program;
 use crate::shell;
+use crate::versioned;
 use indicatif::ProgressBar;
 use std::cell::Cell;
 use std::io::IsTerminal;
@@ -194,11 +195,11 @@ pub fn run(
         device: options.device_name.clone(),
         threads: rayon::current_num_threads(),
         dataset: PathBuf::new(),
-        dataset_from_run: None,
+        dataset_from_run: PathBuf::new(),
         fingerprint: fingerprint.clone(),
         calibration: dataset.calibration(),
         normalisation: dataset.normalisation(),
-        surroundings: Some(Surroundings::new(&dataset.first_camera, centre)),
+        surroundings: Surroundings::new(&dataset.first_camera, centre),
         status: "running".into(),
         steps: first,
         training_seconds: seconds_before,
@@ -207,7 +208,7 @@ pub fn run(
     };
     record.set_dataset(out, &root);
     let write_record = |record: &RunRecord| {
-        let json = serde_json::to_vec_pretty(record).map_err(|e| log_error(&record_path, &e))?;
+        let json = versioned::to_json_pretty(record).map_err(|e| log_error(&record_path, &e))?;
         write_atomic(&record_path, &json).map_err(|e| log_error(&record_path, &e))
     };
     // written before all other files, as it distinguishes a run from any other folder
@@ -351,10 +352,10 @@ pub fn run(
 
 /// Returns the run's record before it is rewritten; `None` if it cannot be read.
 fn earlier_record(path: &Path) -> Option<RunRecord> {
-    serde_json::from_str(&read_text(path).ok()?).ok()
+    versioned::from_json(read_text(path).ok()?).ok()
 }
 
-/// Returns the builds named in a run's record, except `build`; a record of early versions counts as an empty name.
+/// Returns the builds named in a run's record, except `build`.
 fn builds_before(record: &RunRecord, build: &str) -> Vec<String> {
     let mut builds = record.earlier_builds.clone();
     if !builds.contains(&record.build) {

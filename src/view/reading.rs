@@ -55,7 +55,7 @@ impl Read {
         let run = OpenRun::open(path, device)?.with_dataset(data)?;
         let seen = seen(&run);
         let ((segments, fault), edits) = (RunSegments::replacing(&run), run.edits()?);
-        let (fault, field, around) = (fault.map(|e| e.to_string()), field(&run, device), run.surroundings()?);
+        let (fault, field, around) = (fault.map(|e| e.to_string()), field(&run, device), run.record.surroundings);
         Ok(Self { run, around, seen, segments, fault, edits, field })
     }
 }

@@ -7,6 +7,7 @@ use crate::files::{RunPaths, read_text};
 use crate::run::OpenRun;
 use crate::run::status::status;
 use crate::train::run::RunRecord;
+use crate::versioned;
 use serde::Serialize;
 use std::path::Path;
 use std::time::{Duration, Instant, SystemTime};
@@ -91,7 +92,7 @@ impl Watch {
 fn read(run: &OpenRun) -> Training {
     let curves = curves::read(&run.path);
     let text = read_text(&RunPaths(&run.path).record()).ok();
-    let record = text.and_then(|text| serde_json::from_str::<RunRecord>(&text).ok());
+    let record = text.and_then(|text| versioned::from_json::<RunRecord>(text).ok());
     let record = record.as_ref().unwrap_or(&run.record);
     let stages = &run.config.stages;
     Training {

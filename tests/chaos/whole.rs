@@ -15,6 +15,7 @@ use volseggs::segment::masks::MaskReader;
 use volseggs::segment::segmentation::Segmentation;
 use volseggs::train::checkpoint::State;
 use volseggs::train::run::RunRecord;
+use volseggs::versioned;
 use volseggs::volume::formats;
 
 /// The last chunk of a PNG, checksum included.
@@ -48,9 +49,9 @@ pub fn whole(path: &Path) -> Outcome {
         ("optimizer.safetensors", _) => read_tensors(path).map(drop).map_err(text),
         (_, "safetensors") => volseggs::tensors::read(path).map(drop).map_err(text),
         ("edits.json", _) => EditStack::load(path).map(drop).map_err(text),
-        ("run.json", _) => serde_json::from_slice::<RunRecord>(&bytes).map(drop).map_err(text),
-        ("state.json", _) => serde_json::from_slice::<State>(&bytes).map(drop).map_err(text),
-        ("prepare.json", _) => serde_json::from_slice::<PrepareRecord>(&bytes).map(drop).map_err(text),
+        ("run.json", _) => versioned::from_json::<RunRecord>(&bytes).map(drop).map_err(text),
+        ("state.json", _) => versioned::from_json::<State>(&bytes).map(drop).map_err(text),
+        ("prepare.json", _) => versioned::from_json::<PrepareRecord>(&bytes).map(drop).map_err(text),
         (name, "json") if name.starts_with("transforms_") => Transforms::read(path).map(drop).map_err(text),
         (_, "json") => serde_json::from_slice::<serde_json::Value>(&bytes).map(drop).map_err(text),
         ("masks.jsonl", _) => masks(path),

@@ -123,7 +123,7 @@ fn segments() -> Vec<u8> {
         volumes: Vec::new(),
         lineage: Vec::new(),
     };
-    serde_json::to_vec_pretty(&file).unwrap()
+    volseggs::versioned::to_json_pretty(&file).unwrap()
 }
 
 #[test]
@@ -272,11 +272,11 @@ fn truth_png() {
 #[test]
 fn prepare_json() {
     fuzz("prepare-json", |_| {
-        let seed = r#"{"version": "0.1.0", "source": "jets", "transfer_function": "jets", "span": [0.0, 1.0], "dims": [8, 8, 8],
+        let seed = r#"{"format": 1, "calibration": {}, "empty_times": [], "version": "0.1.0", "source": "jets", "transfer_function": "jets", "span": [0.0, 1.0], "dims": [8, 8, 8],
             "half_size": [1.0, 1.0, 1.0], "spacing": [1, 1, 1], "origin": [0, 0, 0], "side": 2,
             "directions": [[1, 0, 0], [0, -1, 0], [0, 0, 1]], "steps": 3, "step": 0.5, "train_views": 2,
             "test_views": 2, "size": [8, 8], "segments": ["a"], "seconds": 1.5, "load_seconds": 0.5, "peak_memory_bytes": 9}"#;
-        let read = |bytes: &[u8]| accepted(serde_json::from_slice::<PrepareRecord>(bytes)).is_some();
+        let read = |bytes: &[u8]| accepted(volseggs::versioned::from_json::<PrepareRecord>(bytes)).is_some();
         Target::new(vec![seed.as_bytes().to_vec()], read)
     });
 }

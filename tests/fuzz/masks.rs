@@ -185,7 +185,7 @@ fn pictures() {
             }
             true
         };
-        Target::new(vec![serde_json::to_vec_pretty(&list).unwrap()], read)
+        Target::new(vec![volseggs::versioned::to_json_pretty(&list).unwrap()], read)
     });
 }
 

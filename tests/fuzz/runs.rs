@@ -11,11 +11,15 @@ use volseggs::model::HostGaussians;
 use volseggs::sweep::result::live_psnr;
 use volseggs::train::checkpoint::{self, State};
 use volseggs::train::resume;
+use volseggs::versioned;
 
-const RECORD: &str = r#"{"version": "0.1.0", "seed": 3, "device": "flex", "threads": 2, "dataset": "data/jets",
+const RECORD: &str = r#"{"format": 1, "version": "0.1.0", "method": "volseggs", "build": "", "dataset_from_run": "../data",
+    "calibration": {}, "surroundings": {"lens": {"fov_x": 0.5, "width": 8, "height": 8}, "sphere": {"centre": [0, 0, 0], "radius": 4}},
+    "seed": 3, "device": "flex", "threads": 2, "dataset": "data/jets",
     "fingerprint": "0123456789abcdef", "status": "complete", "steps": 100, "training_seconds": 12.5, "gaussians": 400,
     "peak_memory_bytes": 1000000}"#;
-const SUMMARY: &str = r#"{"split": "test", "views": 3, "psnr": 30.5, "ssim": 0.9, "ssim_gray": 0.91, "lpips_alex": 0.1,
+const SUMMARY: &str = r#"{"format": 1, "split": "test", "dataset": "data", "fingerprint": "", "parameters": 9, "build": "", "fps_frames": 5,
+    "by_region": {"edge": {"pixels": 0.2, "error": 0.5, "psnr": 30.0}, "interior": {"pixels": 0.2, "error": 0.5, "psnr": 30.0}, "outside": {"pixels": 0, "error": 0, "psnr": null}}, "fps_with_copy": 19.0, "views": 3, "psnr": 30.5, "ssim": 0.9, "ssim_gray": 0.91, "lpips_alex": 0.1,
     "lpips_vgg": null, "extra": {"mine": 1.0}, "fps": 20.0, "training_seconds": 12.5, "model_bytes": 123456, "gaussians": 400,
     "width": 32, "height": 32, "background": [1.0, 1.0, 1.0], "notes": ["a note"]}"#;
 
@@ -37,14 +41,14 @@ fn state() {
         let read = move |bytes: &[u8]| {
             scratch.overwrite(&path, bytes);
             let _ = (checkpoint::locate(&folder), checkpoint::advice(&folder));
-            let Some(state) = accepted(serde_json::from_slice::<State>(bytes)) else { return false };
+            let Some(state) = accepted(versioned::from_json::<State>(bytes)) else { return false };
             if let Some((allowed, refused)) = accepted(resume::changes(&state.config, &config, state.step)) {
                 let _ = allowed.iter().chain(&refused).map(ToString::to_string).collect::<String>();
             }
             let _ = checkpoint::folder_name(state.step);
             true
         };
-        Target::new(vec![serde_json::to_vec_pretty(&state).unwrap()], read).tokens(&[
+        Target::new(vec![versioned::to_json_pretty(&state).unwrap()], read).tokens(&[
             "\\n",
             "[a.b]\\n",
             "\\u0000",
@@ -128,7 +132,7 @@ fn metrics() {
 #[test]
 fn edits() {
     fuzz("edits", |scratch| {
-        let seed = r#"{"version": 1, "operations": [
+        let seed = r#"{"format": 1, "operations": [
             {"segments": ["red"], "operation": {"recolour": {"rgb": [0.1, 0.2, 0.3], "keep_shading": true}}},
             {"segments": ["red", "blue"], "operation": {"opacity": {"factor": 0.5}}},
             {"segments": ["red"], "operation": "hide"},
@@ -155,7 +159,7 @@ fn edits() {
             "\"about\"",
             "\"segments\"",
             "[]",
-            "\"version\": 2,",
+            "\"format\": 2,",
             "1e39",
         ];
         Target::new(vec![seed.as_bytes().to_vec()], read).tokens(tokens)

@@ -121,8 +121,7 @@ fn jobs() {
             scratch.overwrite(&path, bytes);
             accepted(submissions(scratch.root())).is_some()
         };
-        let seed =
-            "{\"job\":12,\"cluster\":null,\"offset\":0,\"tasks\":[0,1],\"plan\":\"01234567\",\"time\":5}\n{\"job\":13";
+        let seed = "{\"format\":1,\"job\":12,\"cluster\":null,\"offset\":0,\"tasks\":[0,1],\"plan\":\"01234567\",\"time\":5}\n{\"job\":13";
         Target::new(vec![seed.as_bytes().to_vec(), b"\n".to_vec(), Vec::new()], read)
     });
 }

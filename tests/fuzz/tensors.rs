@@ -167,7 +167,7 @@ fn scene_file() {
         seeds.push(saved(scratch, |path| scene(grid).save(path).unwrap()));
         seeds.push(saved(scratch, |path| scene(small()).save_packed(path).unwrap()));
         seeds.extend(contradictions().map(|(tensors, spec)| {
-            let text = serde_json::to_string(&spec).unwrap();
+            let text = volseggs::versioned::to_json(&spec).unwrap();
             saved(scratch, |path| write_tensors(path, &tensors, Some(("volseggs", text))).unwrap())
         }));
         let device = device();
@@ -208,7 +208,7 @@ fn coordnet() {
         let spheres = [(config.clone(), sphere()), (wide, sphere()), (config, ViewSphere { up: 7, ..sphere() })];
         let seed = |(config, sphere): (CoordNetConfig, ViewSphere)| {
             let spec = CoordNetSpec { config, sphere };
-            let header = serde_json::json!({ "background": [1.0, 1.0, 1.0], "spec": spec }).to_string();
+            let header = serde_json::json!({ "format": 1, "background": [1.0, 1.0, 1.0], "spec": spec }).to_string();
             saved(scratch, |path| write_tensors(path, &tensors, Some(("network", header))).unwrap())
         };
         of_method(scratch, "coordnet", &spheres.map(seed))

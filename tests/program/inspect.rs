@@ -36,7 +36,7 @@ fn inspect_replaces_only_its_own_pictures_and_fails_on_damaged_files() {
 fn inspect_checks_every_file_of_a_run() {
     let folder = with_run();
     let root = folder.path();
-    std::fs::write(root.join("run/edits.json"), "{\"version\": 1, \"operations\": [], \"undone\": []}").unwrap();
+    std::fs::write(root.join("run/edits.json"), "{\"format\": 1, \"operations\": [], \"undone\": []}").unwrap();
     let shown = call(root, "inspect run").assert().success().get_output().stdout.clone();
     let shown = String::from_utf8(shown).unwrap();
     for words in ["ok   run.json: volseggs, complete after 80 steps", "ok   config.toml", "segments: ", "Gaussians"] {

@@ -91,7 +91,7 @@ fn labels_use_the_voxels_of_the_volume_and_agree_with_the_ground_truth() {
     assert_eq!((&like["dims"], &like["spacing"]), (&frames["dims"], &frames["spacing"]));
 
     // labels are of the scene as trained; with --edited, hidden segments have no voxels
-    let hide = format!(r#"{{"version":1,"operations":[{{"segments":["{name}"],"operation":"hide"}}],"undone":[]}}"#);
+    let hide = format!(r#"{{"format":1,"operations":[{{"segments":["{name}"],"operation":"hide"}}],"undone":[]}}"#);
     std::fs::write(root.join("run/edits.json"), hide).unwrap();
     let hidden = run_json(root, &["export", "run", "--format", "vti", "--time", "0.5", "--edited"]);
     assert_eq!((&hidden["volumes"][0]["voxels"][1], &hidden["edited"]), (&0.into(), &true.into()));

@@ -12,6 +12,7 @@ mod devices;
 mod documents;
 mod edit;
 mod eval_segments;
+mod formats;
 mod inspect;
 mod labels;
 mod leftovers;

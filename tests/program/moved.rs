@@ -169,12 +169,16 @@ fn a_dataset_that_was_calibrated_passes_that_on_to_the_run() {
     std::fs::write(root.join("data/prepare.json"), "{").unwrap();
     refused(&mut train(root, "run", &[]), &["prepare.json", "line 1"]);
     assert!(!root.join("run/run.json").exists());
-    std::fs::write(root.join("data/prepare.json"), serde_json::json!({ "calibration": known }).to_string()).unwrap();
+    std::fs::write(
+        root.join("data/prepare.json"),
+        serde_json::json!({ "format": 1, "calibration": known }).to_string(),
+    )
+    .unwrap();
     train(root, "run", &[]).args(["--stop-after", "20"]).assert().success();
     let calibration = || json(&root.join("run/run.json"))["calibration"].take();
     assert_eq!(calibration(), known);
     // what the dataset says by then is taken when resuming, also by a run that takes no further step
-    std::fs::write(root.join("data/prepare.json"), "{}").unwrap();
+    std::fs::write(root.join("data/prepare.json"), "{\"format\": 1, \"calibration\": {}}").unwrap();
     let mut resume = call(root, "train --resume run --stop-after 20");
     resume.assert().success();
     assert_eq!(calibration(), Value::Object(serde_json::Map::new()));

@@ -76,7 +76,7 @@ fn masks_areas_and_pictures_of_chosen_times() {
     assert!(beside[0]["statistics"][0]["projected_share"].as_f64() < rows[1]["projected_share"].as_f64(), "{beside}");
 
     // edits apply only to the pictures
-    let hide = format!(r#"{{"version":1,"operations":[{{"segments":["{name}"],"operation":"hide"}}],"undone":[]}}"#);
+    let hide = format!(r#"{{"format":1,"operations":[{{"segments":["{name}"],"operation":"hide"}}],"undone":[]}}"#);
     std::fs::write(root.join("run/edits.json"), hide).unwrap();
     let hidden = run_json(root, &[&one[..], &low].concat());
     assert_eq!(hidden[0]["statistics"][0]["projected_area"], 0);

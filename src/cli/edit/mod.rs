@@ -9,6 +9,7 @@ use crate::edit::{Edit, EditStack, Operation};
 use crate::files::Work;
 use crate::run::segments::Towards;
 use crate::run::{OpenRun, RunError, edits};
+use crate::versioned::Versioned;
 use clap::{Args, Subcommand};
 use glam::DVec3;
 use std::path::PathBuf;
@@ -232,7 +233,7 @@ impl Target {
 
     fn print(&self, run: &OpenRun, stack: &EditStack) -> Result<(), CliError> {
         if self.common.json {
-            return print_json(stack);
+            return print_json(&Versioned::new(stack));
         }
         let lines = stack.list(run.calibration());
         if lines.is_empty() {

@@ -62,7 +62,7 @@ impl RenderArgs {
             no_radius(name)?;
             return self.along(name, &view.view, path, held);
         }
-        let mut around = surroundings(run, self.view.size)?;
+        let mut around = surroundings(run, self.view.size);
         let lens @ Lens { width, height, .. } = around.lens;
         let size = self.view.size.map_or(format!("pictures of {width}x{height}"), |s| format!("--size {s}"));
         check_lens(&size, lens)?;

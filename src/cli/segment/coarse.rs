@@ -94,7 +94,7 @@ impl CoarseArgs {
         }
         let (_, device) = self.common.device()?;
         let run = self.data.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?)?;
-        let around = surroundings(&run, None)?;
+        let around = surroundings(&run, None);
         let time = self.time.of("--time", run.calibration())?;
         let n = run.scene.gaussians.count();
         let mut segments = if self.replace {

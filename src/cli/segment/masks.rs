@@ -96,7 +96,7 @@ impl MasksArgs {
             views: self.views,
             time: self.time.map(|time| time.of("--time", run.calibration())).transpose()?,
         };
-        let around = surroundings(&run, self.size)?;
+        let around = surroundings(&run, self.size);
         if let Some(size) = self.size {
             check_lens(&format!("--size {size}"), around.lens)?;
         }

@@ -262,7 +262,7 @@ impl PickArgs {
 
     /// The camera, and the time of a test view.
     fn seen_from(&self, run: &OpenRun) -> Result<(Camera, Option<f64>), CliError> {
-        let around = surroundings(run, self.view.size)?;
+        let around = surroundings(run, self.view.size);
         check_lens(&format!("--size {}", around.lens.width), around.lens)?;
         let Some(choice) = self.view.choice()? else {
             return Err(CliError::input("--camera: give three numbers, such as --camera 3,-2,1.5; or --view N|FILE"));

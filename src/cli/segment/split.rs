@@ -47,7 +47,7 @@ impl SplitArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
         let run = self.data.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?)?;
-        let around = surroundings(&run, None)?;
+        let around = surroundings(&run, None);
         let mut segments = RunSegments::open(&run)?;
         let options = SplitOptions {
             scale: self.scale,

@@ -170,7 +170,6 @@ pub(super) fn report(plan: &Plan, dir: &Path, any_build: bool, json: bool) -> Re
     let view = view(plan, any_build);
     print_notes(&view.notes);
     let set = collect(&view.plan, dir);
-    print_notes(&set.speed_note().into_iter().collect::<Vec<_>>());
     let text = write_report(dir, &set).map_err(CliError::failure)?;
     errln!("report: {}", dir.join("report.html").display());
     if json {

@@ -67,6 +67,18 @@ pub enum ConfigError {
     /// A value of the wrong type or outside its range.
     #[error(transparent)]
     Value(Box<ValueError>),
+    /// A key is missing in a file that must state all.
+    #[error(
+        "{}: the key `{key}` is missing, but the configuration of a run states every key; restore the file, or train again \
+         with this version of the program",
+        path.display()
+    )]
+    Incomplete {
+        /// The file.
+        path: PathBuf,
+        /// The dotted key.
+        key: String,
+    },
     /// Values that are valid individually but not together.
     #[error("the configuration is not consistent: {0}")]
     Inconsistent(String),

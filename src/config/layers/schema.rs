@@ -39,7 +39,7 @@ fn relax(node: &mut Json) {
     }
 }
 
-/// Writes the built-in value of each key into the schema, replacing the default used for files that predate the key.
+/// Writes the built-in value of each key into the schema.
 fn fill(schema: &mut Json, defaults: &Json) {
     for (name, value) in defaults.as_object().into_iter().flatten() {
         let properties = format!("/properties/{name}");

@@ -6,7 +6,7 @@ impl Default for Config {
     fn default() -> Self {
         Self {
             seed: 0,
-            method: method(),
+            method: VOLSEGGS.into(),
             method_settings: BTreeMap::new(),
             data: DataConfig {
                 downscale: 1,
@@ -40,10 +40,10 @@ impl Default for Config {
                 bounds_margin: 0.05,
                 // the network of D3DGS, see `model::implicit`
                 implicit_octaves: 10,
-                implicit_time_octaves: implicit_time_octaves(),
-                implicit_width: implicit_width(),
-                implicit_depth: implicit_depth(),
-                implicit_skip: implicit_skip(),
+                implicit_time_octaves: 6,
+                implicit_width: 256,
+                implicit_depth: 8,
+                implicit_skip: 5,
                 embedding: 16,
                 dilation: 0.05,
                 path_opacity: 0.5,
@@ -134,34 +134,4 @@ impl Default for Config {
             fourdgs: None,
         }
     }
-}
-
-pub(super) fn method() -> String {
-    VOLSEGGS.into()
-}
-
-/// The dilation used by scenes that predate the key.
-pub(crate) fn dilation_of_3dgs() -> f64 {
-    // the decimal number, not the nearest `f32`: it is written into files
-    0.3
-}
-
-/// The value of the default implicit encoder, also used for scenes that predate its keys.
-pub(super) fn implicit_time_octaves() -> usize {
-    6
-}
-
-/// As [`implicit_time_octaves`].
-pub(super) fn implicit_width() -> usize {
-    256
-}
-
-/// As [`implicit_time_octaves`].
-pub(super) fn implicit_depth() -> usize {
-    8
-}
-
-/// As [`implicit_time_octaves`].
-pub(super) fn implicit_skip() -> usize {
-    5
 }

@@ -12,17 +12,14 @@ pub struct ModelConfig {
     pub sh_degree: usize,
     /// Bands of the spherical harmonics: `all` (as in 3DGS and the paper), or `even`: a colour is then the same from
     /// opposite sides, as under a headlight that shades both sides of a surface alike.
-    #[serde(default)] // scenes that predate this key can still be loaded
     pub sh_bands: ShBands,
     /// Colours as functions of direction (`sh`, as in 3DGS and the paper), or a base colour and a normal under a
     /// headlight (`headlight`).
-    #[serde(default)] // scenes that predate this key can still be loaded
     pub appearance: Appearance,
     /// The space-time encoder: `factorised` (the paper's), `hexplane` (planes of space and time instead of its lines),
     /// `implicit` (the paper's ablation) or `extra` (a registered one).
     pub encoder: EncoderKind,
     /// Name of the registered encoder for `encoder = "extra"`, see `docs/research.md`; empty otherwise.
-    #[serde(default)] // scenes that predate this key can still be loaded
     pub extra_encoder: String,
     /// Levels of the factorised encoder; level m has `m * resolution` nodes per axis.
     pub levels: usize,
@@ -31,7 +28,6 @@ pub struct ModelConfig {
     /// Knots of the temporal vectors, or of the planes of space and time.
     pub time_knots: usize,
     /// Interpolation between these knots: `linear` (the paper's) or `cubic`, which is smooth.
-    #[serde(default)] // scenes that predate this key can still be loaded
     pub time_curve: TimeCurve,
     /// Channels of every plane, line and temporal vector.
     pub channels: usize,
@@ -46,30 +42,22 @@ pub struct ModelConfig {
     /// Octaves of the implicit encoder's input for a point p: p, sin(2^k p) and cos(2^k p), k from 0.
     pub implicit_octaves: usize,
     /// Octaves of time in the implicit encoder.
-    #[serde(default = "super::defaults::implicit_time_octaves")]
-    // scenes with another encoder that predate these keys can still be loaded
     pub implicit_time_octaves: usize,
     /// Width of the implicit encoder's layers, except the last, which outputs the `levels * channels` features.
-    #[serde(default = "super::defaults::implicit_width")]
     pub implicit_width: usize,
     /// Number of layers of the implicit encoder.
-    #[serde(default = "super::defaults::implicit_depth")]
     pub implicit_depth: usize,
     /// Number of layers after which the implicit encoder's input is concatenated again; 0 for never.
-    #[serde(default = "super::defaults::implicit_skip")]
     pub implicit_skip: usize,
     /// Length of the per-Gaussian embedding that the decoder receives with the features of place and time; 0 for
     /// none, as in the paper.
-    #[serde(default)] // scenes that predate this key can still be loaded
     pub embedding: usize,
     /// Variance added to each Gaussian on the screen, pixels squared, so that none falls between pixel centres; at
     /// least 0. 3DGS and the paper's code use 0.3, which blurs details one or two pixels wide.
-    #[serde(default = "super::defaults::dilation_of_3dgs")] // scenes that predate this key can still be loaded
     pub dilation: f64,
     /// How much a Gaussian's opacity follows the length of the ray's path through it: its optical depth is multiplied by
     /// this power of that length, relative to its mean axis. 0, as in 3DGS and the paper: the same from all sides; 1: as
     /// in a volume of constant density; at most 1.
-    #[serde(default)] // scenes that predate this key can still be loaded
     pub path_opacity: f64,
     /// Width of the decoder's hidden layers.
     pub width: usize,
@@ -78,29 +66,26 @@ pub struct ModelConfig {
     /// Initialise the outputs to zero, so that joint training begins where warm-up ended.
     pub zero_init_heads: bool,
     /// How the decoder's biases are initialised.
-    #[serde(default)] // scenes that predate this key can still be loaded
     pub bias_init: BiasInit,
     /// Whether opacity changes over time.
     pub deform_opacity: bool,
 }
 
 /// Bands of the spherical harmonics.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ShBands {
     /// All up to the degree.
-    #[default]
     All,
     /// The even ones up to the degree.
     Even,
 }
 
 /// What determines a Gaussian's colour.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Appearance {
     /// Spherical harmonics.
-    #[default]
     Sh,
     /// Base colour, normal and one material for all, shaded by Blinn-Phong with a light at the eye; harmonics for the
     /// residual.
@@ -133,11 +118,10 @@ pub enum GridInit {
 }
 
 /// Interpolation of temporal vectors between knots.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum TimeCurve {
     /// Linear.
-    #[default]
     Linear,
     /// Catmull-Rom cubic.
     Cubic,
@@ -174,11 +158,10 @@ pub enum DecoderKind {
 }
 
 /// How the decoder's biases are initialised.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum BiasInit {
     /// Zero.
-    #[default]
     Zero,
     /// Uniform in +-1 / sqrt(inputs), PyTorch's default; those of the outputs are zero with `zero_init_heads`.
     Uniform,

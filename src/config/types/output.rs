@@ -18,6 +18,5 @@ pub struct OutputConfig {
     /// Number of checkpoints to keep.
     pub keep: usize,
     /// Minutes of training after which a run is complete, whatever step it has reached; 0 for no limit.
-    #[serde(default)] // runs that predate this key can still be opened
     pub max_minutes: f64,
 }

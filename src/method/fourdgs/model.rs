@@ -1,9 +1,9 @@
 //! A trained scene of 4D Gaussians: rendering and file format.
 
 use super::{ColourSeries, Gaussians4d};
+use crate::method::file::{self, ModelFile};
 use crate::model::params::{self, HostTensor};
 use crate::model::rendering::check_dilation;
-use crate::model::scene_file::{read_tensors, refuse_not_finite, write_tensors};
 use crate::model::{Counts, Model, Rendering, SceneError};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 use volseggs_kernels::Camera;
-use volseggs_kernels::splat::{DILATION, splat_covariances};
+use volseggs_kernels::splat::splat_covariances;
 
 /// Entry of the file's header.
 const HEADER: &str = "4dgs";
@@ -35,16 +35,11 @@ pub(super) struct Spec {
     /// The background colour.
     pub background: [f32; 3],
     /// Variance added to each Gaussian on the screen, pixels squared.
-    #[serde(default = "widened_as_3dgs")] // scenes that predate this key can still be loaded
     pub dilation: f32,
     /// Centre of the box of the initial Gaussians, scene units.
     pub centre: [f32; 3],
     /// Half the side lengths of this box, scene units.
     pub half_size: [f32; 3],
-}
-
-fn widened_as_3dgs() -> f32 {
-    DILATION
 }
 
 impl Spec {
@@ -129,11 +124,7 @@ impl Scene4d {
     /// If the file is missing or damaged, belongs to another method, or holds non-finite values.
     pub(super) fn read(path: &Path, device: &Device) -> Result<Self, SceneError> {
         let format = |reason: String| SceneError::Format { path: path.into(), reason };
-        let (tensors, metadata) = read_tensors(path)?;
-        refuse_not_finite(path, &tensors)?;
-        let header =
-            metadata.get(HEADER).ok_or_else(|| format(format!("no `{HEADER}` entry: it is of another method")))?;
-        let spec: Spec = serde_json::from_str(header).map_err(|e| format(format!("header: {e}")))?;
+        let ModelFile::<Spec> { spec, tensors } = file::read(path, HEADER)?;
         spec.check().map_err(|e| format(format!("header: {e}")))?;
         let rows = |tensor: &HostTensor| tensor.shape.first().copied().unwrap_or_default();
         let counts: Vec<usize> = tensors.values().map(rows).collect();
@@ -196,8 +187,6 @@ impl Model for Scene4d {
     }
 
     fn save(&self, path: &Path) -> Result<(), SceneError> {
-        let header = serde_json::to_string(&self.spec)
-            .map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
-        write_tensors(path, &self.parameters(), Some((HEADER, header)))
+        file::save(path, HEADER, &self.parameters(), &self.spec)
     }
 }

@@ -78,7 +78,7 @@ impl RefitPlan {
         if steps == Some(0) || steps.is_none() && drawn_alike(&run.scene) {
             return Ok(None);
         }
-        let around = run.surroundings()?;
+        let around = run.record.surroundings;
         let (_, half_size) = run.scene.place();
         Ok(Some(Self { steps: steps.unwrap_or(STEPS), around, half_size }))
     }

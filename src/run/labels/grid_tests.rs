@@ -15,7 +15,7 @@ fn recorded(grid: Grid, axes: Option<AxisConvention>) -> PrepareRecord {
         "spacing": grid.spacing, "origin": grid.origin, "directions": grid.directions, "side": 1.5,
         "half_size": placement.bounds().max.to_array(), "steps": 1, "step": 1, "train_views": 1, "test_views": 1,
         "size": [8, 8], "segments": [], "seconds": 1, "load_seconds": 0, "peak_memory_bytes": 0,
-        "calibration": { "space": placement.space(&stated) },
+        "empty_times": [], "calibration": { "space": placement.space(&stated) },
     });
     serde_json::from_value(json).unwrap()
 }

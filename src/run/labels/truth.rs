@@ -6,6 +6,7 @@ use super::grid::LabelGrid;
 use crate::data::truth::SegmentFile;
 use crate::prepare::PrepareRecord;
 use crate::segment::dice::{Confusion, Match, mean_dice};
+use crate::versioned;
 use crate::volume::series::{Series, SeriesOptions};
 use crate::volume::synthetic::Synthetic;
 use serde::Serialize;
@@ -113,7 +114,7 @@ impl Truth {
             )));
         }
         let known = std::fs::read_to_string(data.join("segments.json")).ok();
-        let known = known.and_then(|text| serde_json::from_str::<SegmentFile>(&text).ok());
+        let known = known.and_then(|text| versioned::from_json::<SegmentFile>(text).ok());
         let names = known
             .filter(|k| k.source == "labels")
             .map_or(Vec::new(), |k| k.segments.into_iter().map(|s| (u32::from(s.id), s.name)).collect());
@@ -215,10 +216,10 @@ mod tests {
             .collect();
         let prepare = |steps: usize| {
             let json = serde_json::json!({
-                "version": "", "source": "", "transfer_function": "", "span": [0, 1], "dims": [2, 2, 2],
+                "format": 1, "version": "", "source": "", "transfer_function": "", "span": [0, 1], "dims": [2, 2, 2],
                 "spacing": [1, 1, 1], "origin": [0, 0, 0], "directions": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "side": 2,
                 "half_size": [1, 1, 1], "steps": steps, "step": 1, "train_views": 1, "test_views": 1, "size": [8, 8],
-                "segments": [], "seconds": 1, "load_seconds": 0, "peak_memory_bytes": 0,
+                "segments": [], "seconds": 1, "load_seconds": 0, "peak_memory_bytes": 0, "calibration": {}, "empty_times": [],
             });
             std::fs::write(root.join("prepare.json"), json.to_string()).unwrap();
         };

@@ -3,6 +3,7 @@
 use super::network::{AffinityField, Frame};
 use crate::model::params;
 use crate::model::scene_file::{SceneError, read_tensors, refuse_not_finite, write_tensors};
+use crate::versioned;
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -28,8 +29,7 @@ pub struct AffinitySpec {
 /// # Errors
 /// If the file cannot be written.
 pub fn save(path: &Path, field: &AffinityField, spec: &AffinitySpec) -> Result<(), SceneError> {
-    let text =
-        serde_json::to_string(spec).map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
+    let text = versioned::to_json(spec).map_err(|e| SceneError::Format { path: path.into(), reason: e.to_string() })?;
     write_tensors(path, &params::collect(field), Some((ENTRY, text)))
 }
 
@@ -43,7 +43,7 @@ pub fn load(path: &Path, device: &Device) -> Result<(AffinityField, AffinitySpec
     let format = |reason: String| SceneError::Format { path: path.into(), reason };
     let text =
         header.get(ENTRY).ok_or_else(|| format(format!("no `{ENTRY}` entry in its header: not an affinity field")))?;
-    let spec = serde_json::from_str(text).map_err(|e| format(format!("header: {e}")))?;
+    let spec = versioned::from_json(text).map_err(|e| format(format!("header: {e}")))?;
     let field = params::load(AffinityField::new(0, device), &tensors)
         .map_err(|source| SceneError::Fit { path: path.into(), source })?;
     Ok((field, spec))

@@ -6,6 +6,7 @@ use crate::data::Camera;
 use crate::files::read_regular;
 use crate::segment::pictures::draw_each;
 use crate::segment::segmentation::members_key;
+use crate::versioned;
 use image::{ImageFormat, RgbImage};
 use serde::{Deserialize, Serialize};
 use std::io::Cursor;
@@ -37,8 +38,7 @@ pub struct HandoutGroup {
     pub name: String,
     /// Its number of Gaussians, to detect that the group has changed.
     pub gaussians: usize,
-    /// Key of its Gaussians, see [`members_key`]; empty in lists of earlier versions.
-    #[serde(default)]
+    /// Key of its Gaussians, see [`members_key`].
     pub members: String,
 }
 
@@ -91,7 +91,7 @@ pub fn write_pictures(
     });
     let list = Handout { scene: scene.to_owned(), time: job.time, groups: groups.collect(), views: job.shots.to_vec() };
     let path = folder.join(FILE);
-    let json = serde_json::to_vec_pretty(&list).map_err(|e| StoreError::field(&path, "list", e))?;
+    let json = versioned::to_json_pretty(&list).map_err(|e| StoreError::field(&path, "list", e))?;
     std::fs::write(&path, json).map_err(StoreError::io(&path))?;
     Ok(())
 }
@@ -104,7 +104,7 @@ impl Handout {
     pub fn read(folder: &Path) -> Result<Self, StoreError> {
         let path = folder.join(FILE);
         let bytes = read_regular(&path).map_err(StoreError::io(&path))?;
-        let list: Self = serde_json::from_slice(&bytes).map_err(|e| StoreError::field(&path, "list", e))?;
+        let list: Self = versioned::from_json(&bytes).map_err(|e| StoreError::field(&path, "list", e))?;
         if !(0.0..=1.0).contains(&list.time) {
             return Err(StoreError::field(&path, "time", format!("is {}; it must be in [0, 1]", list.time)));
         }
@@ -141,7 +141,7 @@ mod tests {
             views: Shot::numbered(vec![camera.clone()]),
         };
         let read = |list: &Handout| {
-            std::fs::write(folder.path().join(FILE), serde_json::to_vec(list).unwrap()).unwrap();
+            std::fs::write(folder.path().join(FILE), versioned::to_json(list).unwrap()).unwrap();
             Handout::read(folder.path()).map_err(|e| e.to_string())
         };
         assert_eq!(read(&good), Ok(good.clone()));

@@ -4,6 +4,7 @@
 use super::{Segment, Segmentation, SegmentationError};
 use crate::name::Name;
 use crate::tensors::{self, TensorFileError};
+use crate::versioned;
 use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -66,9 +67,7 @@ struct FoundEntry {
     gaussians: usize,
     scene: String,
     segments: Vec<Segment>,
-    #[serde(default)]
     undo: Vec<Step>,
-    #[serde(default)]
     redo: Vec<Step>,
 }
 
@@ -125,7 +124,7 @@ pub(in crate::segment) fn write(path: &Path, all: &Segmentation, steps: &Steps) 
         undo: &steps.undo,
         redo: &steps.redo,
     };
-    let entry = serde_json::to_string(&entry).map_err(|e| format(e.to_string()))?;
+    let entry = versioned::to_json(&entry).map_err(|e| format(e.to_string()))?;
     if let Some(folder) = path.parent() {
         let io = |source| TensorFileError::Io { path: path.into(), source };
         std::fs::create_dir_all(folder).map_err(io)?;
@@ -133,7 +132,7 @@ pub(in crate::segment) fn write(path: &Path, all: &Segmentation, steps: &Steps) 
     Ok(tensors::write(path, views, Some((ENTRY, entry)))?)
 }
 
-/// Reads segments and steps; a file written before steps existed has none.
+/// Reads segments and steps.
 pub(in crate::segment) fn read(path: &Path) -> Result<(Segmentation, Steps), SegmentationError> {
     open(path, past)
 }
@@ -157,7 +156,7 @@ fn open(
     let tensors = SafeTensors::deserialize(&bytes).map_err(damaged)?;
     let entry = header.metadata().as_ref().and_then(|m| m.get(ENTRY));
     let entry = entry.ok_or_else(|| format(format!("no `{ENTRY}` entry in its header: not a segments file")))?;
-    let found: FoundEntry = serde_json::from_str(entry).map_err(|e| format(format!("header: {e}")))?;
+    let found: FoundEntry = versioned::from_json(entry).map_err(|e| format(format!("header: {e}")))?;
     let mut all = Segmentation { gaussians: found.gaussians, scene: found.scene, segments: found.segments };
     if u32::try_from(all.gaussians).is_err() {
         return Err(format(format!("header: `gaussians` is {}, more than any scene has", all.gaussians)));

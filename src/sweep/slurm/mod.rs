@@ -22,6 +22,7 @@ pub use script::{Job, script};
 pub use submit::{Submission, submissions, submit};
 
 use crate::log::jsonl::JsonlError;
+use crate::versioned::VersionedError;
 
 /// Why Slurm cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -110,7 +111,7 @@ pub enum SlurmError {
         /// The line number, from 1.
         line: usize,
         /// The parser's error.
-        source: serde_json::Error,
+        source: VersionedError,
     },
 }
 

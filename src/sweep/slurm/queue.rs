@@ -112,9 +112,9 @@ mod tests {
         queue(&Tools::new(&fake::path(&bin)), dir.path(), "")
     }
 
-    const TWO: &str = "{\"job\":4,\"offset\":0,\"tasks\":[1,2,3],\"time\":1}\n\
-                       {\"job\":9,\"offset\":1000,\"tasks\":[1001],\"time\":2}\n\
-                       {\"job\":12,\"offset\":0,\"tasks\":[1,2],\"time\":3}\n";
+    const TWO: &str = "{\"format\":1,\"plan\":\"\",\"job\":4,\"offset\":0,\"tasks\":[1,2,3],\"time\":1}\n\
+                       {\"format\":1,\"plan\":\"\",\"job\":9,\"offset\":1000,\"tasks\":[1001],\"time\":2}\n\
+                       {\"format\":1,\"plan\":\"\",\"job\":12,\"offset\":0,\"tasks\":[1,2],\"time\":3}\n";
 
     #[test]
     fn indices_become_tasks_and_the_running_one_of_two_counts() {
@@ -162,7 +162,7 @@ mod tests {
         put("plans/now.json", &["c", "a", "d", "e"]);
         fs::write(dir.path().join("plans/torn.json"), "{\"runs\":[").unwrap();
         let line = |job: u64, plan: &str| {
-            format!("{{\"job\":{job},\"offset\":0,\"tasks\":[0],\"plan\":\"{plan}\",\"time\":1}}\n")
+            format!("{{\"format\":1,\"job\":{job},\"offset\":0,\"tasks\":[0],\"plan\":\"{plan}\",\"time\":1}}\n")
         };
         let list = [(4, "old"), (9, "now"), (11, "gone"), (12, "torn"), (13, "")].map(|(job, plan)| line(job, plan));
         fs::write(dir.path().join("slurm/jobs.jsonl"), list.concat()).unwrap();
@@ -179,15 +179,12 @@ mod tests {
         };
         let at = |run: usize, id: &str| (run, id.to_owned());
         assert_eq!(found(), [at(0, "4_2"), at(1, "4_0"), at(2, "9_2")]);
-        // the newest plan, by another name
-        fs::rename(dir.path().join("plans/now.json"), dir.path().join("plan.json")).unwrap();
-        assert_eq!(found(), [at(0, "4_2"), at(1, "4_0"), at(2, "9_2")]);
     }
 
     #[test]
     fn several_clusters_are_asked_apart() {
-        let list = "{\"job\":4,\"cluster\":\"big\",\"offset\":0,\"tasks\":[1],\"time\":1}\n\
-                    {\"job\":4,\"offset\":0,\"tasks\":[2],\"time\":1}\n";
+        let list = "{\"format\":1,\"plan\":\"\",\"job\":4,\"cluster\":\"big\",\"offset\":0,\"tasks\":[1],\"time\":1}\n\
+                    {\"format\":1,\"plan\":\"\",\"job\":4,\"offset\":0,\"tasks\":[2],\"time\":1}\n";
         let found = asked(
             list,
             "case $* in *--clusters=big*) echo 'CLUSTER: big'; echo '4_1|RUNNING|0:01|x';; \

@@ -13,6 +13,7 @@ use super::script::{Job, folder, script};
 use super::{SlurmError, Tools, complaint, io_at};
 use crate::files::write_atomic;
 use crate::log::jsonl::JsonlWriter;
+use crate::versioned::{self, Versioned};
 
 /// Slurm's own default, for clusters that do not report their limit.
 const MAX_ARRAY_SIZE: usize = 1001;
@@ -29,8 +30,7 @@ pub struct Submission {
     pub offset: usize,
     /// The tasks, in rising order.
     pub tasks: Vec<usize>,
-    /// Hash of the plan that numbers them; empty in old lists.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
+    /// Hash of the plan that numbers them.
     pub plan: String,
     /// Time of submission, in seconds since 1970.
     pub time: u64,
@@ -74,7 +74,7 @@ pub fn submit(tools: &Tools, job: &Job, tasks: &[usize]) -> Result<Vec<Submissio
         let tasks = indices.iter().map(|index| index + offset).collect();
         let time = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
         let submission = Submission { job: number, cluster, offset, tasks, plan: job.plan.clone(), time };
-        list.append(&submission)?;
+        list.append(&Versioned::new(&submission))?;
         list.sync()?;
         out.push(submission);
     }
@@ -94,7 +94,7 @@ pub fn submissions(dir: &Path) -> Result<Vec<Submission>, SlurmError> {
     };
     let whole = text.rfind('\n').map_or("", |end| &text[..end]);
     let parse = |(line, text): (usize, &str)| {
-        serde_json::from_str(text).map_err(|source| SlurmError::JobLine { path: path.clone(), line: line + 1, source })
+        versioned::from_json(text).map_err(|source| SlurmError::JobLine { path: path.clone(), line: line + 1, source })
     };
     whole.lines().enumerate().map(parse).collect()
 }
@@ -257,7 +257,7 @@ mod tests {
     fn the_list_forgives_a_torn_end_and_names_a_bad_line() {
         let dir = tempfile::tempdir().unwrap();
         fs::create_dir(dir.path().join("slurm")).unwrap();
-        let good = "{\"job\":1,\"offset\":0,\"tasks\":[1],\"time\":2}\n";
+        let good = "{\"format\":1,\"plan\":\"\",\"job\":1,\"offset\":0,\"tasks\":[1],\"time\":2}\n";
         fs::write(list_of(dir.path()), format!("{good}{{\"job\":2,")).unwrap();
         assert_eq!(submissions(dir.path()).unwrap().len(), 1);
         fs::write(list_of(dir.path()), format!("{good}nonsense\n{good}")).unwrap();

@@ -11,8 +11,9 @@ use serde::Deserialize;
 use super::submit::Submission;
 use super::{SlurmError, io_at};
 use crate::files::read_text;
+use crate::versioned;
 
-/// What is needed of a stored plan, which may be of another version of the program.
+/// What is needed of a stored plan.
 #[derive(Default, Deserialize)]
 struct Stored {
     runs: Vec<StoredRun>,
@@ -43,10 +44,6 @@ impl<'a> Tasks<'a> {
         let mut keys = Vec::new();
         if submissions.iter().any(|submission| submission.plan != plan) {
             keys = stored(dir, plan)?;
-            if keys.is_empty() {
-                // planned by a version that wrote the same plan as other text
-                keys = read_keys(&dir.join("plan.json"))?;
-            }
         }
         let runs = keys.into_iter().enumerate().map(|(run, key)| (key, run)).collect();
         Ok(Self { dir, plan, runs, earlier: HashMap::new() })
@@ -71,17 +68,14 @@ impl<'a> Tasks<'a> {
     }
 }
 
-/// The keys of the runs of the plan with that hash.
+/// The keys of the runs of the plan with that hash; none if the plan is missing, damaged or of another version of the
+/// program, as its tasks then cannot start either.
 fn stored(dir: &Path, hash: &str) -> Result<Vec<String>, SlurmError> {
-    read_keys(&dir.join("plans").join(format!("{hash}.json")))
-}
-
-/// The keys of a plan's runs; none if the plan is missing or damaged, as its tasks then cannot start either.
-fn read_keys(path: &Path) -> Result<Vec<String>, SlurmError> {
-    let text = match read_text(path) {
+    let path = dir.join("plans").join(format!("{hash}.json"));
+    let text = match read_text(&path) {
         Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::InvalidData) => return Ok(Vec::new()),
-        read => read.map_err(io_at(path))?,
+        read => read.map_err(io_at(&path))?,
     };
-    let plan: Stored = serde_json::from_str(&text).unwrap_or_default();
+    let plan: Stored = versioned::from_json(&text).unwrap_or_default();
     Ok(plan.runs.into_iter().map(|run| run.key).collect())
 }

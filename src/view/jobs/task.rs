@@ -204,7 +204,7 @@ fn masks(
             "{path}: masks exist already; tick `replace` beside `make masks` to make new ones"
         )));
     }
-    let mut around = run.surroundings()?;
+    let mut around = run.record.surroundings;
     if let Some(size) = size {
         around = around.sized(size);
         check_lens(&format!("size {size}"), around.lens)?;
@@ -245,7 +245,7 @@ fn parts(
         return Ok(None);
     };
     segments.save()?;
-    let picture = sheet(run, &run.surroundings()?, &parts, device);
+    let picture = sheet(run, &run.record.surroundings, &parts, device);
     write_picture(&run.paths().segment_sheet(segment), &picture)?;
     Ok(Some(format!("{segment} has {} parts", parts.names.len())))
 }
@@ -258,7 +258,7 @@ fn track(
     device: &Device,
     report: &mut Reporter,
 ) -> Result<Option<String>, RunError> {
-    let full = run.surroundings()?;
+    let full = run.record.surroundings;
     let width = full.lens.width.min(SHEET_CELL);
     let camera = full.sized(width).orbit(SHEET).swap_remove(0);
     let times = Times::Even { from: 0.0, to: 1.0, frames };

@@ -94,7 +94,7 @@ impl Workspace {
         let (segments, edits, order) = (RunSegments::none(&run), EditStack::default(), Order::default());
         let (device, seen) = (device.clone(), Seen::default());
         let (follows, newest, fault, field, revision) = (false, None, None, None, 1);
-        let (newer, renamed, around) = (Newer::default(), Vec::new(), run.surroundings()?);
+        let (newer, renamed, around) = (Newer::default(), Vec::new(), run.record.surroundings);
         live.shows(run.step().unwrap_or_default(), run.scene.gaussians.count());
         let live = Some(live);
         Ok(Self {
