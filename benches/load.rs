@@ -9,7 +9,7 @@
 use burn::tensor::Device;
 use safetensors::SafeTensors;
 use std::time::Instant;
-use volseggs::config::types::Config;
+use volseggs::config::preset;
 use volseggs::model::HostGaussians;
 use volseggs::model::Scene;
 use volseggs::model::scene::SceneSpec;
@@ -74,7 +74,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 
 /// Returns a scene of `n` Gaussians with the model of the `best` preset.
 fn scene(n: usize, device: &Device) -> Scene {
-    let config = Config::default();
+    let config = preset("best").unwrap();
     let k = coefficients(&config.model) as usize;
     let values = |len: usize| (0..len).map(|i| (i as f32 * 0.618).fract() - 0.5).collect::<Vec<f32>>();
     let gaussians = HostGaussians {

@@ -18,6 +18,7 @@ mod whole;
 
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{Numbers, SH_COEFFICIENTS, Samples, Scene, Splatter, measure};
+use volseggs::config::preset;
 use volseggs::config::types::{Config, DecoderKind, ModelConfig};
 use volseggs::device::DeviceName;
 use volseggs::model::HostGaussians;
@@ -92,7 +93,7 @@ fn table(title: &str, sizes: &[usize], columns: &[Vec<Stage>]) {
 /// Measures every stage of a joint step on the Gaussians of `scene`, each alone. The field is read at `points` in
 /// [-1, 1] `[N, 3]`, or at the means if `None`.
 fn stages(scene: Scene, points: Option<&[f32]>, repeats: usize) -> Vec<Stage> {
-    let config = Config::default();
+    let config = preset("best").unwrap();
     let n = scene.opacity_logits.len();
     let mut out: Vec<Stage> = Vec::new();
     let (image, seen) = splat_stages(&scene, repeats, &mut out);

@@ -40,7 +40,7 @@ fn register() {
 fn config(more: &[&str]) -> Config {
     register();
     let settings = SETTINGS.iter().chain(more).map(|s| (*s).to_owned());
-    Layers::new(PRESETS).sets(settings).resolve::<Config>().unwrap().value
+    Layers::new(PRESETS).source("best").sets(settings).resolve::<Config>().unwrap().value
 }
 
 fn open(root: &Path) -> Dataset {

@@ -7,6 +7,7 @@ use burn::tensor::Device;
 use glam::DVec3;
 use std::path::Path;
 use std::time::Instant;
+use volseggs::config::preset;
 use volseggs::config::types::{Bounds, Config, DensifyMode, Placement};
 use volseggs::data::{Camera, Dataset, OpenOptions};
 use volseggs::model::params::to_vec;
@@ -36,7 +37,7 @@ pub fn whole_step(n: usize, repeats: usize, device: &Device) -> Vec<Stage> {
     let folder = tempfile::tempdir().unwrap();
     write_dataset(folder.path());
     let dataset = Dataset::open(folder.path(), &OpenOptions::default()).unwrap();
-    let mut config = Config::default();
+    let mut config = preset("best").unwrap();
     // a cube with the volume of the unit ball
     (config.init.points, config.init.placement, config.init.box_half_size) = (n, Placement::Box, 0.806);
     (config.init.scale, config.init.opacity, config.model.bounds) = (0.7, 0.3, Bounds::Points);
@@ -69,7 +70,7 @@ pub fn trained_scene(path: &Path) -> (Scene, Vec<f32>) {
 pub fn trained_step(scene: &Path, data: &Path, repeats: usize, device: &Device) -> Vec<Stage> {
     let dataset = Dataset::open(data, &OpenOptions::default()).unwrap();
     let scene = volseggs::model::Scene::load(scene, &device.clone().autodiff()).unwrap();
-    let mut config = Config { model: scene.spec.model.clone(), ..Config::default() };
+    let mut config = Config { model: scene.spec.model.clone(), ..preset("best").unwrap() };
     (config.stages.warmup_steps, config.stages.joint_steps, config.stages.sh_every) = (0, 1_000_000, 0);
     config.loss.dssim_last = config.stages.joint_steps;
     config.init.points = scene.gaussians.count();

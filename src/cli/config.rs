@@ -3,7 +3,7 @@
 use super::CliError;
 use crate::config::layers::{ConfigError, Layers, Resolved, file_schema};
 use crate::config::types::Config;
-use crate::config::{PRESETS, RESERVED_VARIABLES};
+use crate::config::{PRESET_IF_NONE_GIVEN, PRESETS, RESERVED_VARIABLES};
 use crate::files::is_user_error;
 use crate::method;
 use clap::{Args, Subcommand};
@@ -16,8 +16,8 @@ pub struct ConfigSource {
     /// by a custom program. The preset of that name is applied first, then --config.
     #[arg(long, value_name = "NAME")]
     method: Option<String>,
-    /// Configuration file (TOML) or preset: best, quick, demo, paper, official, static; for the other methods, the
-    /// method's name or NAME-small (for two cores).
+    /// Configuration file (TOML) or preset: best (if none is given), quick, demo, paper, official, static; for the other
+    /// methods, the method's name or NAME-small (for two cores).
     #[arg(long, value_name = "FILE")]
     config: Option<String>,
     /// Override a key, such as loss.dssim=0.2; may be repeated.
@@ -26,18 +26,25 @@ pub struct ConfigSource {
 }
 
 impl ConfigSource {
+    /// Returns the preset that is used because neither a file nor the preset of another method is given.
+    pub(super) fn preset_if_none_given(&self) -> Option<&'static str> {
+        (self.config.is_none() && self.preset_of_method().is_none()).then_some(PRESET_IF_NONE_GIVEN)
+    }
+
+    /// Returns the preset of the method, if it has one.
+    fn preset_of_method(&self) -> Option<&str> {
+        self.method.as_deref().filter(|name| PRESETS.iter().any(|(preset, _)| preset == name))
+    }
+
     /// Resolves the defaults, the method's preset, the file and what it extends, `VOLSEGGS_*` variables and `--set`.
     pub(super) fn resolve(&self) -> Result<Resolved<Config>, CliError> {
-        let mut layers = Layers::new(PRESETS);
         if let Some(name) = &self.method {
             method::find(name).map_err(|e| CliError::input(format!("--method: {e}")))?;
-            layers = match PRESETS.iter().any(|(preset, _)| preset == name) {
-                true => layers.source(name),
-                false => layers.sets([format!("method={name}")]),
-            };
         }
-        if let Some(source) = &self.config {
-            layers = layers.source(source);
+        let sources = [self.preset_of_method(), self.config.as_deref(), self.preset_if_none_given()];
+        let mut layers = sources.into_iter().flatten().fold(Layers::new(PRESETS), Layers::source);
+        if let (Some(name), None) = (&self.method, self.preset_of_method()) {
+            layers = layers.sets([format!("method={name}")]);
         }
         let layers = layers.env(std::env::vars_os(), RESERVED_VARIABLES)?;
         let resolved = layers.sets(self.set.iter().cloned()).resolve::<Config>()?;

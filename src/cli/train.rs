@@ -66,7 +66,12 @@ impl TrainArgs {
         #[cfg(feature = "view")]
         let listening = self.watch.listen()?;
         let resolved = match start {
-            Start::New => self.config.resolve()?,
+            Start::New => {
+                if let Some(preset) = self.config.preset_if_none_given() {
+                    errln!("no --config: preset {preset}");
+                }
+                self.config.resolve()?
+            }
             _ => self.config.resolve_over(&RunPaths(&out).config())?,
         };
         let data = match &self.data {

@@ -1,18 +1,22 @@
 //! Typed settings of a training run. Reading and layering them is left to `layers`.
 //!
-//! The defaults are the `best` preset. Every setting that the paper ablates has a key here.
+//! Each section has its defaults beside it. Together they are the method of the paper, as `configs/paper.toml` explains;
+//! what this project adds is off. Every setting that the paper ablates has a key here.
 
-pub(super) mod defaults;
 mod densify;
+mod loss;
 pub mod methods;
 mod model;
+mod optim;
 mod output;
 
 pub use densify::{DensifyConfig, DensifyMode, PruneBy};
+pub use loss::{LossConfig, LossKind, TvOrder, TvReduction};
 use methods::{CoordNetConfig, D3dgsConfig, FourDgsConfig, InSituNetConfig, VisNerfConfig};
 pub use model::{
     Appearance, BiasInit, Bounds, DecoderKind, EncoderKind, GridInit, ModelConfig, ShBands, TimeCurve, TimeRange,
 };
+pub use optim::{DecayOver, OptimConfig};
 pub use output::OutputConfig;
 
 use schemars::JsonSchema;
@@ -69,6 +73,30 @@ pub struct Config {
     pub fourdgs: Option<FourDgsConfig>,
 }
 
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            method: VOLSEGGS.into(),
+            method_settings: BTreeMap::new(),
+            data: DataConfig::default(),
+            init: InitConfig::default(),
+            model: ModelConfig::default(),
+            stages: StagesConfig::default(),
+            loss: LossConfig::default(),
+            optim: OptimConfig::default(),
+            densify: DensifyConfig::default(),
+            speed: SpeedConfig::default(),
+            output: OutputConfig::default(),
+            coordnet: None,
+            insitunet: None,
+            visnerf: None,
+            d3dgs: None,
+            fourdgs: None,
+        }
+    }
+}
+
 /// `data.*`
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -87,6 +115,19 @@ pub struct DataConfig {
     /// Each view once per round, reshuffled every round (`shuffled`), or a random view at every step (`independent`, as
     /// in the reference code).
     pub order: ViewOrder,
+}
+
+impl Default for DataConfig {
+    fn default() -> Self {
+        Self {
+            downscale: 1,
+            background: "white".into(),
+            times: 0,
+            only_times: Vec::new(),
+            views_per_time: 0,
+            order: ViewOrder::Shuffled,
+        }
+    }
 }
 
 /// Which view a step uses.
@@ -115,6 +156,12 @@ pub struct InitConfig {
     pub opacity: f64,
 }
 
+impl Default for InitConfig {
+    fn default() -> Self {
+        Self { points: 100_000, placement: Placement::Box, box_half_size: 1.3, scale: 0.75, opacity: 0.1 }
+    }
+}
+
 /// Where the initial Gaussians are placed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -140,6 +187,12 @@ pub struct StagesConfig {
     pub sh_every: usize,
 }
 
+impl Default for StagesConfig {
+    fn default() -> Self {
+        Self { warmup_steps: 3000, warmup_times: WarmupTimes::All, joint_steps: 20_000, sh_every: 1000 }
+    }
+}
+
 /// Times used in warm-up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -148,143 +201,6 @@ pub enum WarmupTimes {
     Middle,
     /// All training times.
     All,
-}
-
-/// `loss.*`
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct LossConfig {
-    /// Distance between colours.
-    pub kind: LossKind,
-    /// Weight of the distance, for both colours and alpha.
-    pub weight: f64,
-    /// Weight of DSSIM (1 - SSIM).
-    pub dssim: f64,
-    /// Number of final joint steps that use DSSIM (without a joint stage: final warm-up steps).
-    pub dssim_last: usize,
-    /// Number of these steps over which its weight rises from zero; 1 switches it on at once.
-    pub dssim_ramp: usize,
-    /// Whether DSSIM is used in all of warm-up as well, as in 3DGS.
-    pub dssim_warmup: bool,
-    /// Weight of the distance of alpha, relative to that of the colours.
-    pub alpha: f64,
-    /// Weight of total variation on planes and lines.
-    pub tv: f64,
-    /// Weight of total variation on temporal vectors.
-    pub tv_time: f64,
-    /// First differences on both axes (`first`, as in the paper) or second differences on one (`second`).
-    pub tv_kind: TvOrder,
-    /// Mean over the differences of each tensor (`mean`, as in the reference code) or their sum (`sum`, the paper's
-    /// equation 6).
-    pub tv_reduction: TvReduction,
-    /// Weight of mean |1 - g| over the grid (the prior of the reference code).
-    pub one_prior: f64,
-    /// Weight of the fading penalty in the joint stage: the mean change of the Gaussians' opacities from their
-    /// canonical values, so that the field prefers moving Gaussians to fading them. An addition of this project.
-    pub fade: f64,
-    /// Weights of registered loss terms, by name; see `docs/research.md`. 0 omits a term.
-    pub extra: BTreeMap<String, f64>,
-}
-
-impl LossConfig {
-    /// Returns name and weight of the first regulariser of the field's grid that is switched on; methods without a
-    /// field refuse it.
-    pub fn of_the_grid(&self) -> Option<(&'static str, f64)> {
-        let all = [("tv", self.tv), ("tv_time", self.tv_time), ("one_prior", self.one_prior)];
-        all.into_iter().find(|(_, weight)| *weight != 0.0)
-    }
-}
-
-/// Distance between colours.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum LossKind {
-    /// Mean absolute difference.
-    L1,
-    /// Mean squared difference.
-    L2,
-}
-
-/// Order of total variation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum TvOrder {
-    /// First differences on both axes.
-    First,
-    /// Second differences on one axis.
-    Second,
-}
-
-/// How the squared differences of a tensor are reduced.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum TvReduction {
-    /// Their mean.
-    Mean,
-    /// Their sum.
-    Sum,
-}
-
-/// `optim.*`: Adam with one learning rate per parameter group.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct OptimConfig {
-    /// Learning rate of means, as a multiple of the scene's extent. It decays over the joint stage as set by
-    /// `schedule`, and in warm-up over `warmup_decay_steps`.
-    pub means: f64,
-    /// Steps, from the start of warm-up, over which the rate of the means would decay to its final value; the decay
-    /// restarts with the joint stage.
-    pub warmup_decay_steps: usize,
-    /// Learning rate of rotations.
-    pub rotations: f64,
-    /// Learning rate of log-scales.
-    pub log_scales: f64,
-    /// Learning rate of opacity logits.
-    pub opacity: f64,
-    /// Learning rate of the first spherical-harmonics coefficient.
-    pub sh: f64,
-    /// Learning rate of the other coefficients, as a fraction of `sh`.
-    pub sh_rest: f64,
-    /// Learning rate of the normals of `model.appearance = "headlight"`.
-    pub normals: f64,
-    /// Learning rate of the material of `model.appearance = "headlight"`.
-    pub material: f64,
-    /// Learning rate of planes, lines and temporal vectors, and of the other encoders (the implicit one needs a tenth;
-    /// D3DGS uses 8e-4).
-    pub encoder: f64,
-    /// Learning rate of the decoder.
-    pub decoder: f64,
-    /// Learning rate of the per-Gaussian embedding, used if `model.embedding` is above 0.
-    pub embedding: f64,
-    /// Final rate of means, encoder, decoder and embedding, as a fraction of the initial rate.
-    pub final_fraction: f64,
-    /// Final rate of the other groups, as a fraction of the initial rate; they decay in the last stage of training, or
-    /// over the whole run with `decay_over = "run"`.
-    pub attributes_final_fraction: f64,
-    /// How the rates of means, encoder, decoder and embedding decay: `log-linear`, `cosine`, `constant` or a registered
-    /// schedule.
-    pub schedule: String,
-    /// Decay over each stage separately (`stage`, in warm-up over `warmup_decay_steps`), or once over the whole run
-    /// (`run`, as in 3DGS).
-    pub decay_over: DecayOver,
-    /// First and second decay rates of Adam.
-    pub betas: [f64; 2],
-    /// Adam's epsilon.
-    pub epsilon: f64,
-    /// Length in steps of the moving average of the parameters that is shown and saved in their place; 0 for none. It
-    /// covers at most a tenth of the steps since it began, and restarts with the joint stage, whenever Gaussians are
-    /// added or removed, and when opacities are reset.
-    pub average: usize,
-}
-
-/// The period over which the rates decay.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum DecayOver {
-    /// Each stage separately.
-    Stage,
-    /// The whole run.
-    Run,
 }
 
 /// `speed.*`
@@ -300,4 +216,10 @@ pub struct SpeedConfig {
     /// Gaussians found transparent at a training time are skipped on later visits to that time; one visit in this many
     /// uses all Gaussians. 0 or 1 never skips. With `model.path_opacity`, their base opacities decide.
     pub cull_visits: usize,
+}
+
+impl Default for SpeedConfig {
+    fn default() -> Self {
+        Self { coarse_steps: 0, coarse_factor: 2, sort_every: 1000, cull_visits: 0 }
+    }
 }

@@ -22,7 +22,7 @@ pub(super) fn device() -> Device {
 
 /// A built-in preset.
 pub(super) fn preset(name: &str) -> Config {
-    Layers::new(PRESETS).source(name).resolve::<Config>().unwrap().value
+    crate::config::preset(name).unwrap()
 }
 
 /// A built-in preset with the settings `few`, and `more` on top.

@@ -146,7 +146,7 @@ mod tests {
     use super::super::SceneSpec;
     use super::super::scene::tests::spec;
     use super::*;
-    use crate::config::types::Config;
+    use crate::config::preset;
     use crate::device::DeviceName;
 
     #[test]
@@ -162,7 +162,7 @@ mod tests {
     #[test]
     fn some_gaussians_are_as_in_the_whole_scene_and_seen_if_they_are_at_any_time() {
         let device = DeviceName::all()[0].open().unwrap();
-        let mut model = Config::default().model;
+        let mut model = preset("best").unwrap().model;
         (model.resolution, model.time_knots, model.channels, model.width, model.sh_degree) = (4, 3, 4, 8, 0);
         let n = 150;
         let gaussians = HostGaussians {

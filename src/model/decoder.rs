@@ -118,7 +118,7 @@ impl Decoder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::types::Config;
+    use crate::config::preset;
     use crate::device::DeviceName;
     use burn::tensor::Tolerance;
     use burn::tensor::activation::relu;
@@ -146,7 +146,7 @@ mod tests {
         use crate::model::params::to_vec;
         let device = DeviceName::all()[0].open().unwrap();
         let new = |bias_init, zero_init_heads| {
-            let config = ModelConfig { bias_init, zero_init_heads, ..Config::default().model };
+            let config = ModelConfig { bias_init, zero_init_heads, ..preset("best").unwrap().model };
             Decoder::new(&config, 16, 3, &device)
         };
         let biases = |d: &Decoder| [&d.trunk_bias, &d.hidden_bias, &d.output_bias].map(|b| to_vec(b.val()));
@@ -164,7 +164,7 @@ mod tests {
     fn the_fused_decoder_equals_plain_tensor_operations(device: Device) {
         let device = device.autodiff();
         for kind in [DecoderKind::Heads, DecoderKind::Shared] {
-            let mut config = Config::default().model;
+            let mut config = preset("best").unwrap().model;
             (config.decoder, config.zero_init_heads) = (kind, false);
             let decoder = Decoder::new(&config, 64, 3, &device);
             let mut rng = Rng::new(1, 2, Purpose::Custom(3));

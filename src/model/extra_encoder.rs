@@ -136,7 +136,7 @@ fn define(config: &ModelConfig, seed: u64) -> Result<(Arc<dyn EncoderDefinition>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::types::Config;
+    use crate::config::preset;
     use crate::device::DeviceName;
     use crate::extend;
     use crate::model::params;
@@ -157,7 +157,7 @@ mod tests {
     }
 
     fn config(name: &str) -> ModelConfig {
-        ModelConfig { extra_encoder: name.to_owned(), ..Config::default().model }
+        ModelConfig { extra_encoder: name.to_owned(), ..preset("best").unwrap().model }
     }
 
     #[test]

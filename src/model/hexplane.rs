@@ -77,10 +77,11 @@ mod tests {
     use super::super::encoder::FactorisedEncoder;
     use super::super::params::to_vec;
     use super::*;
-    use crate::config::types::{Config, GridInit};
+    use crate::config::preset;
+    use crate::config::types::GridInit;
 
     fn config(curve: TimeCurve) -> ModelConfig {
-        let mut config = Config::default().model;
+        let mut config = preset("best").unwrap().model;
         (config.resolution, config.channels, config.time_knots, config.time_curve) = (4, 3, 5, curve);
         config
     }

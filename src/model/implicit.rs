@@ -117,14 +117,15 @@ fn octave(k: usize) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::types::{Config, EncoderKind};
+    use crate::config::preset;
+    use crate::config::types::EncoderKind;
     use crate::device::{DeviceName, largest_buffer};
     use crate::model::size::{encoder_parameters, field_parameters};
     use crate::model::{params, params::HostTensor};
     use std::collections::BTreeMap;
 
     fn tiny() -> ModelConfig {
-        let mut config = Config::default().model;
+        let mut config = preset("best").unwrap().model;
         (config.encoder, config.levels, config.channels) = (EncoderKind::Implicit, 1, 2);
         (config.implicit_octaves, config.implicit_time_octaves, config.implicit_width) = (2, 1, 5);
         (config.implicit_depth, config.implicit_skip) = (4, 2);
@@ -219,7 +220,7 @@ mod tests {
     #[test]
     fn the_default_has_the_layers_of_d3dgs_and_the_size_that_the_paper_implies() {
         let device = DeviceName::all()[0].open().unwrap();
-        let mut config = Config::default().model;
+        let mut config = preset("best").unwrap().model;
         config.encoder = EncoderKind::Implicit;
         let encoder = ImplicitEncoder::new(&config, 0, &device);
         let shapes: Vec<[usize; 2]> = encoder.layers.iter().map(|l| l.weight.dims()).collect();
@@ -246,7 +247,7 @@ mod tests {
     #[test]
     fn initial_features_distinguish_places_and_differ_by_seed() {
         let device = DeviceName::all()[0].open().unwrap();
-        let config = ModelConfig { encoder: EncoderKind::Implicit, ..Config::default().model };
+        let config = ModelConfig { encoder: EncoderKind::Implicit, ..preset("best").unwrap().model };
         let encoder = |seed: u64| ImplicitEncoder::new(&config, seed, &device);
         let (one, other) = (params::collect(&encoder(1)), params::collect(&encoder(2)));
         assert_eq!(one, params::collect(&encoder(1)));

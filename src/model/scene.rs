@@ -155,7 +155,8 @@ impl Scene {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::config::types::{Config, EncoderKind};
+    use crate::config::preset;
+    use crate::config::types::EncoderKind;
     use crate::data::paths::{Lens, training_cameras};
     use crate::device::DeviceName;
 
@@ -181,7 +182,7 @@ pub(crate) mod tests {
     /// The same with another encoder.
     pub fn scene_of(encoder: EncoderKind) -> Scene {
         let device = DeviceName::all()[0].open().unwrap();
-        let mut model = Config::default().model;
+        let mut model = preset("best").unwrap().model;
         (model.resolution, model.time_knots, model.channels, model.width, model.sh_degree) = (4, 3, 4, 8, 0);
         (model.encoder, model.implicit_width) = (encoder, 12);
         let gaussians = HostGaussians {

@@ -201,7 +201,7 @@ pub fn field_parameters(config: &ModelConfig) -> u128 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::types::Config;
+    use crate::config::preset;
     use crate::device::DeviceName;
     use crate::model::{DeformationField, params};
 
@@ -212,7 +212,7 @@ mod tests {
         let grids = [EncoderKind::Factorised, EncoderKind::HexPlane].map(|grid| (grid, (0, 0)));
         for (encoder, (depth, skip)) in grids.into_iter().chain(implicit) {
             for decoder in [DecoderKind::Heads, DecoderKind::Shared] {
-                let mut config = Config::default().model;
+                let mut config = preset("best").unwrap().model;
                 (config.levels, config.resolution, config.time_knots) = (3, 5, 7);
                 (config.channels, config.width, config.encoder, config.decoder) = (4, 6, encoder, decoder);
                 (config.implicit_width, config.implicit_depth, config.implicit_skip) = (9, depth, skip);
@@ -243,7 +243,7 @@ mod tests {
             (|m| m.implicit_skip = usize::MAX, "model.implicit_skip"),
         ];
         for (edit, words) in cases {
-            let mut config = Config::default().model;
+            let mut config = preset("best").unwrap().model;
             edit(&mut config);
             assert_eq!(check_model(&config), Ok(()), "another encoder does not read these keys");
             config.encoder = EncoderKind::Implicit;
@@ -254,7 +254,7 @@ mod tests {
 
     #[test]
     fn what_a_step_keeps_of_the_implicit_encoder_is_counted() {
-        let mut config = Config::default().model;
+        let mut config = preset("best").unwrap().model;
         assert_eq!(encoder_values(&config), 0);
         config.encoder = EncoderKind::Implicit;
         assert_eq!(encoder_values(&config), 76 + (76 + 256) + 2 * 7 * 256);
@@ -264,7 +264,7 @@ mod tests {
 
     #[test]
     fn no_size_overflows() {
-        let mut config = Config::default().model;
+        let mut config = preset("best").unwrap().model;
         (config.levels, config.resolution, config.time_knots) = (usize::MAX, usize::MAX, usize::MAX);
         (config.channels, config.width, config.implicit_octaves) = (usize::MAX, usize::MAX, usize::MAX);
         (config.implicit_width, config.implicit_depth) = (usize::MAX, usize::MAX);

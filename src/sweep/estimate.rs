@@ -243,6 +243,7 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize, retry: bool) -> Estima
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::preset;
     use crate::sweep::PlanOptions;
     use crate::sweep::key::{key, parts};
     use crate::sweep::result::write;
@@ -335,7 +336,7 @@ mod tests {
     fn the_implicit_encoder_takes_as_long_and_as_much_memory_as_its_layers() {
         let plan = plan("[0]", 5);
         let data = plan.datasets.values().next().unwrap();
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         let hybrid = cost(&config, data, &plan.eval);
         config.model.encoder = EncoderKind::Implicit;
         let implicit = cost(&config, data, &plan.eval);

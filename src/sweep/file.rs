@@ -22,7 +22,7 @@ pub struct SweepFile {
     pub note: String,
     /// Heading of the column of variants.
     pub head: String,
-    /// Configuration that all variants start from: a file beside this one, or a preset; the defaults if not given.
+    /// Configuration that all variants start from: a file beside this one, or a preset; `best` if not given.
     pub config: Option<String>,
     /// Keys set in every run; dotted, or in sections.
     pub set: Table,

@@ -7,7 +7,7 @@ use super::plan::PlanOptions;
 use super::spec::SegmentSpec;
 use crate::config::layers::Layers;
 use crate::config::types::Config;
-use crate::config::{PRESETS, RESERVED_VARIABLES};
+use crate::config::{PRESET_IF_NONE_GIVEN, PRESETS, RESERVED_VARIABLES};
 use crate::method;
 use crate::words::plain;
 use std::path::Path;
@@ -36,10 +36,8 @@ impl Base<'_> {
     pub fn resolve(&self, variant: &Variant, seed: u64) -> Result<Resolved, SweepError> {
         let place = format!("variant \"{}\"", variant.name);
         let bad = |problem: String| SweepError::Key { path: self.path.to_owned(), key: place.clone(), problem };
-        let mut layers = Layers::new(PRESETS);
-        if let Some(config) = variant.config.as_ref().or(self.file.config.as_ref()) {
-            layers = layers.source(config);
-        }
+        let config = variant.config.as_deref().or(self.file.config.as_deref()).unwrap_or(PRESET_IF_NONE_GIVEN);
+        let layers = Layers::new(PRESETS).source(config);
         let layers = layers.env(std::env::vars_os(), RESERVED_VARIABLES).map_err(|e| bad(e.to_string()))?;
         let set = flatten(&self.file.set);
         let layers = layers

@@ -17,13 +17,13 @@ fn late_additions(config: &Config) -> Option<String> {
     // the last step of a run is followed by no addition
     let adds = densify.mode != DensifyMode::Off && densify.joint_from + 1 < joint_steps;
     (adds && densify.joint_until + 1 >= joint_steps && config.optim.average > 0).then(|| {
-        let defaults = Config::default();
         format!(
             "densify.joint_until = {}: Gaussians are added until the run ends (stages.joint_steps = {joint_steps}), and as \
              each addition restarts the moving average, its result has none; in a shorter run, lower densify.joint_until \
              too, here to {}",
             densify.joint_until,
-            scaled(defaults.densify.joint_until, defaults.stages.joint_steps, joint_steps)
+            // as in `best`
+            scaled(2, 5, joint_steps)
         )
     })
 }
@@ -59,10 +59,11 @@ fn scaled(count: usize, from: usize, to: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::preset;
 
     #[test]
     fn a_run_that_adds_gaussians_until_its_end_is_advised_against() {
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         assert!(advice(&config, 600).is_empty());
         config.stages.joint_steps = 4000;
         let [text] = &advice(&config, 600)[..] else { panic!("one note") };
@@ -75,7 +76,7 @@ mod tests {
             |c| c.stages.joint_steps = 0,
             |c| c.densify.joint_from = 4000,
         ] {
-            let mut config = Config::default();
+            let mut config = preset("best").unwrap();
             config.stages.joint_steps = 4000;
             quiet(&mut config);
             assert!(advice(&config, 600).is_empty());
@@ -84,7 +85,7 @@ mod tests {
 
     #[test]
     fn a_training_too_long_for_its_views_is_advised_against_with_the_settings_of_a_shorter_one() {
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         assert!(advice(&config, 301).is_empty() && advice(&config, 0).is_empty());
         let [text] = &advice(&config, 210)[..] else { panic!("one note") };
         let sets = "--set stages.joint_steps=10500 --set optim.warmup_decay_steps=10500 --set densify.joint_until=4200 \
@@ -95,9 +96,9 @@ mod tests {
         (config.stages.joint_steps, config.densify.joint_until) = (10_500, 4200);
         assert!(advice(&config, 210).is_empty());
         config.method = "d3dgs".into();
-        assert!(advice(&Config { stages: Config::default().stages, ..config }, 210).is_empty());
+        assert!(advice(&Config { stages: preset("best").unwrap().stages, ..config }, 210).is_empty());
         // no key is named that has no effect
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         (config.densify.mode, config.loss.dssim) = (DensifyMode::Off, 0.0);
         assert!(advice(&config, 210)[0].ends_with("--set optim.warmup_decay_steps=10500"));
     }

@@ -3,6 +3,7 @@
 
 use super::Trainer;
 use super::checkpoint::{self, State};
+use crate::config::preset;
 use crate::config::types::{Appearance, Config, EncoderKind, ShBands, TimeCurve};
 use crate::data::Dataset;
 use crate::data::dataset::{OpenOptions, tests::dataset};
@@ -14,7 +15,7 @@ use burn::tensor::Device;
 use volseggs_kernels::shading::Light;
 
 fn config(appearance: Appearance) -> Config {
-    let mut config = Config::default();
+    let mut config = preset("best").unwrap();
     (config.init.points, config.model.appearance) = (200, appearance);
     (config.model.sh_bands, config.model.sh_degree) = (ShBands::All, 1);
     (config.model.resolution, config.model.channels, config.model.width) = (8, 8, 16);

@@ -164,6 +164,7 @@ fn largest(config: &Config, need: impl Fn(&Config) -> u128) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::preset;
     use crate::config::types::EncoderKind;
 
     const VIEWS: Views = Views { count: 100, pixels: 400 * 400 };
@@ -174,10 +175,10 @@ mod tests {
 
     #[test]
     fn the_default_fits_where_it_runs() {
-        let bytes = needed(&Config::default(), VIEWS, false);
+        let bytes = needed(&preset("best").unwrap(), VIEWS, false);
         assert!((300_000_000..2_000_000_000).contains(&bytes), "{bytes}");
-        check_memory(&Config::default(), VIEWS, false, Budget::of(2_000_000_000)).unwrap();
-        assert!(needed(&Config::default(), VIEWS, true) < bytes / 3);
+        check_memory(&preset("best").unwrap(), VIEWS, false, Budget::of(2_000_000_000)).unwrap();
+        assert!(needed(&preset("best").unwrap(), VIEWS, true) < bytes / 3);
     }
 
     #[test]
@@ -200,7 +201,7 @@ mod tests {
             ),
         ];
         for (huge, key) in cases {
-            let mut config = Config::default();
+            let mut config = preset("best").unwrap();
             huge(&mut config);
             let text = refusal(&config, false);
             assert!(text.contains(key) && text.contains("needs about") && text.contains("--memory"), "{text}");
@@ -211,7 +212,7 @@ mod tests {
 
     #[test]
     fn hidden_layers_of_the_implicit_encoder_count() {
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         config.densify.budget = 150_000;
         let before = needed(&config, VIEWS, false);
         config.model.encoder = EncoderKind::Implicit;
@@ -224,7 +225,7 @@ mod tests {
 
     #[test]
     fn sizes_beyond_all_bounds_do_not_overflow() {
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         for (_, place) in KEYS {
             *place(&mut config) = usize::MAX;
         }
@@ -236,7 +237,7 @@ mod tests {
 
     #[test]
     fn an_unreachable_gaussian_budget_takes_no_memory() {
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         (config.init.points, config.densify.budget) = (300, 1_000_000_000_000);
         (config.stages.warmup_steps, config.stages.joint_steps) = (0, 1000);
         assert!(max_gaussians(&config) < 300 << 8);

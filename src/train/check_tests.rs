@@ -1,16 +1,17 @@
 //! Tests of what is refused before training.
 
 use super::*;
+use crate::config::preset;
 
 fn refusal(edit: impl Fn(&mut Config)) -> String {
-    let mut config = Config::default();
+    let mut config = preset("best").unwrap();
     edit(&mut config);
     check(&config).unwrap_err().to_string()
 }
 
 #[test]
 fn invalid_values_are_named_with_the_values_allowed() {
-    check(&Config::default()).unwrap();
+    check(&preset("best").unwrap()).unwrap();
     type Edit = fn(&mut Config);
     let cases: [(Edit, [&str; 2]); 33] = [
         (|c| c.optim.warmup_decay_steps = 0, ["optim.warmup_decay_steps = 0", "at least 1"]),
@@ -69,7 +70,7 @@ fn invalid_values_are_named_with_the_values_allowed() {
         ),
     ];
     // a cosine may end at zero
-    let mut cosine = Config::default();
+    let mut cosine = preset("best").unwrap();
     (cosine.optim.schedule, cosine.optim.final_fraction) = ("cosine".into(), 0.0);
     check(&cosine).unwrap();
     for (edit, words) in cases {

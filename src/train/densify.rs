@@ -215,6 +215,7 @@ fn offset(g: &HostGaussians, j: usize, rng: &mut Rng) -> glam::Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::preset;
 
     fn gaussians(n: usize) -> HostGaussians {
         HostGaussians {
@@ -241,7 +242,7 @@ mod tests {
     fn growth_reaches_the_target_exactly_and_takes_the_largest_gradients() {
         let g = gaussians(10);
         let due = Due { grow_to: Some(13), ..Due::default() };
-        let rows = planned(due, &statistics(10), &g, &Config::default());
+        let rows = planned(due, &statistics(10), &g, &preset("best").unwrap());
         assert_eq!(rows.len(), 13);
         // 7, 8 and 9 have the largest gradients; odd ones are large and are split, 8 is cloned
         assert_eq!(rows[7..], [Row::Half(7), Row::Keep(8), Row::Half(9), Row::Half(7), Row::Clone(8), Row::Half(9)]);
@@ -257,11 +258,11 @@ mod tests {
         let mut s = statistics(6);
         s.opacity[5] = 0.001;
         let due = Due { grow_to: Some(6), prune: true, ..Due::default() };
-        let rows = planned(due, &s, &gaussians(6), &Config::default());
+        let rows = planned(due, &s, &gaussians(6), &preset("best").unwrap());
         assert_eq!(rows.len(), 6);
         assert!(rows.iter().all(|r| r.source() != 5));
         s.opacity.fill(0.0);
-        assert_eq!(planned(due, &s, &gaussians(6), &Config::default()).len(), 6);
+        assert_eq!(planned(due, &s, &gaussians(6), &preset("best").unwrap()).len(), 6);
     }
 
     #[test]
@@ -283,7 +284,7 @@ mod tests {
 
     #[test]
     fn current_opacity_and_size_decide_where_configured() {
-        let (mut config, mut g, s) = (Config::default(), gaussians(6), statistics(6));
+        let (mut config, mut g, s) = (preset("best").unwrap(), gaussians(6), statistics(6));
         let kept = |config: &Config, g: &HostGaussians, due: Due| -> Vec<usize> {
             planned(due, &s, g, config).into_iter().map(Row::source).collect()
         };
@@ -302,7 +303,7 @@ mod tests {
 
     #[test]
     fn relocation_keeps_the_number_and_grows_along_the_same_line() {
-        let (mut config, mut s, mut g) = (Config::default(), statistics(6), gaussians(6));
+        let (mut config, mut s, mut g) = (preset("best").unwrap(), statistics(6), gaussians(6));
         config.densify.mode = DensifyMode::Relocate;
         (s.opacity[5], g.opacity_logits[2]) = (0.001, 3.0);
         let planned = |due: Due| planned(due, &s, &g, &config);
@@ -333,7 +334,7 @@ mod tests {
     #[test]
     fn above_the_budget_none_are_added_and_none_removed() {
         let due = Due { grow_to: Some(4), ..Due::default() };
-        let rows = planned(due, &statistics(6), &gaussians(6), &Config::default());
+        let rows = planned(due, &statistics(6), &gaussians(6), &preset("best").unwrap());
         assert_eq!(rows, (0..6).map(Row::Keep).collect::<Vec<_>>());
     }
 }

@@ -183,6 +183,7 @@ mod tests {
     use super::*;
     use crate::config::PRESETS;
     use crate::config::layers::Layers;
+    use crate::config::preset;
 
     /// Returns the warm-up steps, counted from 1, at which `what` is due.
     fn warmup_steps(config: &Config, what: impl Fn(Due) -> bool) -> Vec<usize> {
@@ -197,7 +198,7 @@ mod tests {
 
     #[test]
     fn the_budget_line_ends_at_the_budget() {
-        let config = Config::default();
+        let config = preset("best").unwrap();
         let last = config.densify.joint_until - 1;
         assert_eq!(due(Stage::Joint(last), &config, 50_000).grow_to, Some(config.densify.budget));
         assert_eq!(due(Stage::Joint(last + 1), &config, 50_000), Due::default());
@@ -207,7 +208,7 @@ mod tests {
 
     #[test]
     fn without_a_joint_stage_warm_up_ends_at_the_budget() {
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         (config.stages.warmup_steps, config.stages.joint_steps) = (730, 0);
         (config.densify.budget, config.densify.warmup_from, config.densify.prune_every) = (1000, 100, 100);
         assert_eq!(targets(&config, 100).last(), Some(&1000));
@@ -224,7 +225,7 @@ mod tests {
 
     #[test]
     fn nothing_is_added_or_removed_after_the_last_step_of_the_run() {
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         config.stages.joint_steps = 4000;
         let joint = |step: usize| due(Stage::Joint(step - 1), &config, 100);
         assert!(joint(3500).prune && joint(4000) == Due::default());
@@ -235,7 +236,7 @@ mod tests {
 
     #[test]
     fn what_is_due_waits_for_the_next_step_and_is_applied_once() {
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         (config.densify.mode, config.speed.sort_every) = (DensifyMode::Off, 100);
         (config.densify.prune_opacity, config.densify.opacity_reset) = (0.0, 250);
         let reset = Due { reset: true, ..Due::default() };
@@ -260,7 +261,7 @@ mod tests {
 
     #[test]
     fn a_span_without_steps_adds_nothing_even_at_its_end() {
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         (config.densify.mode, config.stages.joint_steps) = (DensifyMode::Threshold, 20_000);
         (config.densify.joint_from, config.densify.joint_until) = (20_000, 14_900);
         let joint = |step: usize| due(Stage::Joint(step), &config, 100).grow_to;
@@ -269,7 +270,7 @@ mod tests {
 
     #[test]
     fn warm_up_may_have_a_budget_of_its_own() {
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         (config.stages.warmup_steps, config.densify.warmup_from) = (1000, 0);
         (config.densify.warmup_budget, config.densify.budget) = (300, 500);
         let all = targets(&config, 100);
@@ -292,7 +293,7 @@ mod tests {
 
     #[test]
     fn opacities_are_reset_as_3dgs_and_as_the_released_code_do() {
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         (config.stages.warmup_steps, config.densify.opacity_reset) = (30_000, 3000);
         let resets = |config: &Config| warmup_steps(config, |d| d.reset);
         assert_eq!(resets(&config), [3000], "once, unless more are configured");
@@ -321,7 +322,7 @@ mod tests {
 
     #[test]
     fn large_gaussians_are_pruned_only_after_a_reset_and_with_pruning_on() {
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         (config.stages.warmup_steps, config.densify.warmup_from) = (6000, 500);
         (config.densify.prune_size, config.densify.prune_every, config.densify.prune_from) = (0.1, 500, 1000);
         assert_eq!(warmup_steps(&config, |d| d.prune)[..2], [1500, 2000]);

@@ -147,10 +147,11 @@ pub fn view(config: &Config, step: usize, views: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::preset;
 
     #[test]
     fn every_view_is_seen_once_a_round() {
-        let config = Config { seed: 7, ..Config::default() };
+        let config = Config { seed: 7, ..preset("best").unwrap() };
         let mut seen: Vec<usize> = (0..30).map(|s| view(&config, s, 30)).collect();
         let second: Vec<usize> = (30..60).map(|s| view(&config, s, 30)).collect();
         assert_ne!(seen, second);
@@ -160,7 +161,7 @@ mod tests {
 
     #[test]
     fn independent_views_come_with_replacement_and_all_alike() {
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         config.data.order = ViewOrder::Independent;
         let mut counts = [0; 30];
         (0..3000).for_each(|s| counts[view(&config, s, 30)] += 1);
@@ -172,7 +173,7 @@ mod tests {
 
     /// A joint stage of 20,000 steps, and rates that end at a hundredth.
     fn to_a_hundredth() -> Config {
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         (config.stages.joint_steps, config.optim.warmup_decay_steps) = (20_000, 20_000);
         config.optim.final_fraction = 0.01;
         config

@@ -2,9 +2,9 @@
 
 use super::schedule::{Stage, learning_rate};
 use super::{Saved, TrainError, Trainer, Training, losses};
-use crate::config::PRESETS;
 use crate::config::layers::Layers;
 use crate::config::types::{Config, DensifyMode, EncoderKind, GridInit, ShBands, TvOrder, TvReduction};
+use crate::config::{PRESETS, preset};
 use crate::data::Dataset;
 use crate::data::dataset::{OpenOptions, tests::dataset};
 use crate::device::DeviceName;
@@ -15,7 +15,7 @@ use burn::tensor::Tensor;
 
 /// 200 Gaussians, no warm-up, and a loss of colours and alpha only.
 fn config() -> Config {
-    let mut config = Config::default();
+    let mut config = preset("best").unwrap();
     config.model.encoder = EncoderKind::Factorised;
     (config.init.points, config.model.sh_bands, config.model.sh_degree) = (200, ShBands::All, 1);
     (config.model.resolution, config.model.channels, config.model.width) = (8, 8, 16);

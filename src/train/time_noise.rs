@@ -27,11 +27,12 @@ pub(super) fn noisy(time: f64, config: &Config, step: usize, interval: f64) -> f
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::preset;
     use crate::config::types::methods::D3dgsConfig;
 
     #[test]
     fn noise_falls_to_nothing_and_follows_from_the_step() {
-        let mut config = Config::default();
+        let mut config = preset("best").unwrap();
         assert_eq!(noisy(0.3, &config, 0, 0.1), 0.3);
         config.d3dgs = Some(D3dgsConfig { time_noise: 0.5, time_noise_steps: 1000, ..D3dgsConfig::default() });
         let at = |from: usize| (from..from + 200).map(|s| f64::from(noisy(0.3, &config, s, 0.1)) - 0.3);

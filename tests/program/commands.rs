@@ -359,13 +359,15 @@ fn config_shows_values_with_their_origins() {
         ("loss.tv", ["0.5", "mine.toml:3"]),
         ("densify.budget", ["000", "preset quick:"]),
         ("optim.sh", ["0.125", "env VOLSEGGS_OPTIM__SH"]),
-        ("init.box_half_size", ["1.3", "default"]),
+        ("init.box_half_size", ["1.3", "preset paper:"]),
+        ("output.keep", ["2", "default"]),
     ] {
         assert!(words.iter().all(|w| line(key).contains(w)), "{}", line(key));
     }
     assert!(shown.parse::<toml::Table>().is_ok(), "what is shown is TOML");
-    let value: Value =
-        serde_json::from_str(&output(volseggs().args(["config", "show", "--config", "best", "--json"]))).unwrap();
+    let best = output(volseggs().args(["config", "show", "--config", "best", "--json"]));
+    assert_eq!(output(volseggs().args(["config", "show", "--json"])), best, "what is used without --config");
+    let value: Value = serde_json::from_str(&best).unwrap();
     assert!(value["densify"]["budget"].is_u64());
     let words = ["--set", "unknown key `densify.budgett`", "did you mean `densify.budget`"];
     refused(volseggs().args(["config", "show", "--set", "densify.budgett=3"]), &words);
@@ -377,7 +379,7 @@ fn config_shows_values_with_their_origins() {
 fn the_committed_schema_is_current() {
     let schema: Value = serde_json::from_str(&output(volseggs().args(["config", "schema"]))).unwrap();
     assert!(schema["properties"]["densify"].is_object(), "{schema}");
-    // editors show the built-in values, not those that old files are read with
+    // editors show the built-in values
     let built_in = serde_json::to_value(Config::default()).unwrap();
     for key in ["dilation", "embedding", "sh_degree", "encoder"] {
         assert_eq!(schema["$defs"]["ModelConfig"]["properties"][key]["default"], built_in["model"][key], "{key}");

@@ -16,6 +16,7 @@ fn a_run_leaves_a_complete_folder() {
     let run = root.path().join("run");
     let output = train(root.path(), "run", &[]).arg("--json").assert().success().get_output().clone();
     let printed: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(output.stderr.starts_with(b"no --config: preset best\n"), "{}", String::from_utf8_lossy(&output.stderr));
 
     assert_eq!(names(&run), [".lock", "checkpoints", "config.toml", "metrics.jsonl", "run.json", "tensorboard"]);
     assert_eq!(names(&run.join("checkpoints")), ["step-000070", "step-000080"]);

@@ -51,6 +51,32 @@ pub struct DensifyConfig {
     pub opacity_reset_joint: bool,
 }
 
+impl Default for DensifyConfig {
+    fn default() -> Self {
+        Self {
+            budget: 150_000,
+            warmup_budget: 0,
+            mode: DensifyMode::Budget,
+            every: 100,
+            warmup_from: 500,
+            warmup_until: 14_900,
+            joint_from: 1000,
+            joint_until: 14_900,
+            threshold: 2e-4,
+            split_above: 0.01,
+            prune_opacity: 0.005,
+            prune_by: PruneBy::Largest,
+            prune_size: 0.0,
+            prune_every: 500,
+            prune_from: 0,
+            prune_joint: true,
+            opacity_reset: 3000,
+            opacity_reset_until: 0,
+            opacity_reset_joint: false,
+        }
+    }
+}
+
 /// How new Gaussians are chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]

@@ -71,6 +71,41 @@ pub struct ModelConfig {
     pub deform_opacity: bool,
 }
 
+impl Default for ModelConfig {
+    fn default() -> Self {
+        Self {
+            sh_degree: 3,
+            sh_bands: ShBands::All,
+            appearance: Appearance::Sh,
+            encoder: EncoderKind::Factorised,
+            extra_encoder: String::new(),
+            levels: 2,
+            resolution: 64,
+            time_knots: 25,
+            time_curve: TimeCurve::Linear,
+            channels: 32,
+            grid_init: GridInit::Uniform,
+            time_range: TimeRange::Full,
+            bounds: Bounds::Points,
+            bounds_margin: 0.0,
+            // the network of D3DGS, see `model::implicit`
+            implicit_octaves: 10,
+            implicit_time_octaves: 6,
+            implicit_width: 256,
+            implicit_depth: 8,
+            implicit_skip: 5,
+            embedding: 0,
+            dilation: 0.3,
+            path_opacity: 0.0,
+            width: 64,
+            decoder: DecoderKind::Heads,
+            zero_init_heads: false,
+            bias_init: BiasInit::Uniform,
+            deform_opacity: true,
+        }
+    }
+}
+
 /// Bands of the spherical harmonics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]

@@ -20,3 +20,9 @@ pub struct OutputConfig {
     /// Minutes of training after which a run is complete, whatever step it has reached; 0 for no limit.
     pub max_minutes: f64,
 }
+
+impl Default for OutputConfig {
+    fn default() -> Self {
+        Self { log_every: 10, eval_every: 1000, eval_views: 6, checkpoint_every: 1000, keep: 2, max_minutes: 0.0 }
+    }
+}
