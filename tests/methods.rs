@@ -9,7 +9,6 @@ mod method;
 
 use common::{dataset, json, metrics, names, newest_bytes, refused, text, train, volseggs};
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 use volseggs::cli::Cli;
 use volseggs::config::PRESETS;
 use volseggs::config::layers::Layers;
@@ -18,9 +17,8 @@ use volseggs::device::DeviceName;
 use volseggs::extend;
 use volseggs::metrics::psnr::psnr;
 use volseggs::run::{AnyRun, OpenRun};
-use volseggs::train::observer::NoObserver;
 use volseggs::train::open_dataset;
-use volseggs::train::run::{RunOptions, RunOutcome, Start};
+use volseggs::train::run::{RunContext, RunOptions, RunOutcome, Start};
 
 const SETTINGS: [&str; 7] = [
     "method=pixels",
@@ -46,7 +44,7 @@ fn trained(root: &Path, name: &str, start: Start, stop_after: Option<usize>, mor
     let data = open_dataset(&root.join("data"), &config).unwrap();
     let (out, command, device_name) = (root.join(name), "test".to_owned(), "flex".to_owned());
     let options = RunOptions { out, start, command, config_toml, device_name, stop_after };
-    volseggs::method::train(&config, &data, &device, &options, None, &AtomicBool::new(false), &mut NoObserver).unwrap()
+    volseggs::method::train(RunContext::new(&config, &data, &options), &device).unwrap()
 }
 
 /// Runs the program in this process, as only this process knows the registered method. Returns the exit code and the
@@ -60,7 +58,7 @@ fn run_in_process(arguments: &[&str]) -> Result<(), (u8, String)> {
 fn a_method_without_gaussians_is_trained_evaluated_and_rendered_by_the_common_code() {
     let root = dataset();
     let whole = trained(root.path(), "whole", Start::New, None, &[]);
-    assert_eq!((whole.complete, whole.record.gaussians, whole.record.method.as_str()), (true, 0, "pixels"));
+    assert_eq!((whole.reason.is_complete(), whole.record.gaussians, whole.record.method.as_str()), (true, 0, "pixels"));
     let run = root.path().join("whole");
     assert_eq!(names(&run.join("checkpoints")), ["step-000040", "step-000060"]);
     let lines = metrics(&run);
@@ -351,14 +349,14 @@ fn a_run_out_of_time_is_complete_and_continues_with_a_longer_limit() {
     let root = dataset();
     let whole = trained(root.path(), "whole", Start::New, None, &[]);
     let short = trained(root.path(), "short", Start::New, None, &["output.max_minutes=1e-9"]);
-    assert_eq!((short.complete, short.record.status.as_str(), short.record.steps), (true, "complete", 1));
+    assert_eq!((short.reason.is_complete(), short.record.status.as_str(), short.record.steps), (true, "complete", 1));
     let run = root.path().join("short");
     assert_eq!(names(&run.join("checkpoints")), ["step-000001"]);
     run_in_process(&["eval", &text(root.path(), "short"), "--views", "1"]).unwrap();
     let again = trained(root.path(), "short", Start::Resume, None, &["output.max_minutes=1e-9"]);
-    assert_eq!((again.complete, again.record.steps), (true, 1), "no time is left");
+    assert_eq!((again.reason.is_complete(), again.record.steps), (true, 1), "no time is left");
     let longer = trained(root.path(), "short", Start::Resume, None, &["output.max_minutes=600"]);
-    assert_eq!((longer.complete, longer.record.steps), (true, whole.record.steps));
+    assert_eq!((longer.reason.is_complete(), longer.record.steps), (true, whole.record.steps));
     assert!(newest_bytes(&run) == newest_bytes(&root.path().join("whole")), "the time limit must not affect the steps");
     let refused = Layers::new(PRESETS).sets(["output.max_minutes=-1"]).resolve::<Config>().unwrap();
     let error = volseggs::train::check_config(&refused.value).unwrap_err().to_string();

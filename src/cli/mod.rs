@@ -122,26 +122,30 @@ fn command_line() -> String {
 /// Signals within this time count as one request: `timeout` and batch systems signal both a process and its group.
 const ONE_REQUEST: Duration = Duration::from_secs(1);
 
+/// What a second request to stop does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum OnSecondSignal {
+    /// Ends the program at once.
+    Exit,
+    /// Nothing: batch systems send SIGTERM to a process and to its parent, which passes it on.
+    Ignore,
+}
+
 /// Returns a flag that is raised by Ctrl-C, SIGTERM or a closed terminal (SIGHUP), which prints `message`; another
 /// request after that ends the program at once.
 fn stop_flag(message: &'static str) -> Result<Arc<AtomicBool>, CliError> {
-    flag(message, true)
+    stop_flag_with(message, OnSecondSignal::Exit)
 }
 
-/// As [`stop_flag`], but repeated requests are ignored: batch systems send SIGTERM to a process and to its parent,
-/// which passes it on.
-fn patient_stop_flag(message: &'static str) -> Result<Arc<AtomicBool>, CliError> {
-    flag(message, false)
-}
-
-fn flag(message: &'static str, hasty: bool) -> Result<Arc<AtomicBool>, CliError> {
+/// As [`stop_flag`], with a choice of what another request does.
+fn stop_flag_with(message: &'static str, second: OnSecondSignal) -> Result<Arc<AtomicBool>, CliError> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     let mut first: Option<Instant> = None;
     ctrlc::set_handler(move || {
         flag.store(true, Ordering::Relaxed);
         match first {
-            Some(first) if hasty && first.elapsed() > ONE_REQUEST => std::process::exit(1),
+            Some(first) if second == OnSecondSignal::Exit && first.elapsed() > ONE_REQUEST => std::process::exit(1),
             Some(_) => {}
             None => {
                 first = Some(Instant::now());

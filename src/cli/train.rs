@@ -7,10 +7,7 @@ use crate::files::RunPaths;
 use crate::method;
 use crate::run::dataset_of;
 use crate::shell;
-#[cfg(not(feature = "view"))]
-use crate::train::observer::NoObserver;
-use crate::train::observer::Observer;
-use crate::train::run::{RunOptions, RunOutcome, Start, lock};
+use crate::train::run::{RunContext, RunOptions, RunOutcome, Start, StopReason, lock_existing};
 use crate::train::{advice, checkpoint, open_dataset};
 use crate::versioned::Versioned;
 use clap::Args;
@@ -62,7 +59,7 @@ impl TrainArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (name, device) = self.common.device()?;
         let (out, start) = self.place()?;
-        let held = lock(&out, &command_line())?;
+        let held = lock_existing(&out, &command_line())?;
         #[cfg(feature = "view")]
         let listening = self.watch.listen()?;
         let resolved = match start {
@@ -104,13 +101,11 @@ impl TrainArgs {
             device_name: name.to_string(),
             stop_after: self.stop_after,
         };
-        let train = |observer: &mut dyn Observer| {
-            method::train(&config, &dataset, &device, &options, held.as_ref(), &stop, observer)
-        };
+        let context = RunContext { lock: held.as_ref(), stop: &stop, ..RunContext::new(&config, &dataset, &options) };
         #[cfg(feature = "view")]
-        let outcome = self.watch.train(listening, &device, self.common.json, train)?;
+        let outcome = self.watch.train(listening, self.common.json, context, &device)?;
         #[cfg(not(feature = "view"))]
-        let outcome = train(&mut NoObserver)?;
+        let outcome = method::train(context, &device)?;
         self.print(&out, &outcome)
     }
 
@@ -132,7 +127,7 @@ impl TrainArgs {
 
     fn print(&self, out: &Path, outcome: &RunOutcome) -> Result<(), CliError> {
         let r = &outcome.record;
-        let next = if outcome.complete {
+        let next = if outcome.reason.is_complete() {
             format!("volseggs eval {}", shell::path(out))
         } else if r.steps == 0 {
             // there is no checkpoint to resume from
@@ -153,9 +148,9 @@ impl TrainArgs {
         if self.common.json {
             print_json(&Versioned::new(r))?;
         }
-        if outcome.complete || self.stop_after.is_some_and(|steps| r.steps >= steps) {
-            return Ok(());
+        match outcome.reason {
+            StopReason::Requested => Err(CliError::failure("interrupted")),
+            StopReason::AllSteps | StopReason::TimeLimit | StopReason::StepLimit => Ok(()),
         }
-        Err(CliError::failure("interrupted"))
     }
 }

@@ -5,9 +5,7 @@ use super::serving::{ServingArgs, explain};
 use crate::config::types::Config;
 use crate::device::DeviceName;
 use crate::method;
-use crate::train::TrainError;
-use crate::train::observer::{NoObserver, Observer};
-use crate::train::run::RunOutcome;
+use crate::train::run::{RunContext, RunOutcome};
 use crate::view::beside::{BesideOptions, beside};
 use crate::view::listen::Listening;
 use burn::tensor::Device;
@@ -42,16 +40,16 @@ impl WatchArgs {
         )))
     }
 
-    /// Trains while `listening` serves the viewer. The address is printed to standard output, or to standard error with
+    /// Trains on `device` while `listening` serves the viewer. The address is printed to standard output, or to standard error with
     /// `json`.
     pub(super) fn train(
         &self,
         listening: Option<Listening>,
-        device: &Device,
         json: bool,
-        train: impl FnOnce(&mut dyn Observer) -> Result<RunOutcome, TrainError>,
+        context: RunContext<'_>,
+        device: &Device,
     ) -> Result<RunOutcome, CliError> {
-        let Some(listening) = listening else { return Ok(train(&mut NoObserver)?) };
+        let Some(listening) = listening else { return Ok(method::train(context, device)?) };
         // a GPU is left to the training
         let drawn_on = DeviceName::cpu().and_then(|name| name.open().ok()).unwrap_or_else(|| device.clone());
         let (read_only, cache) = (self.serving.read_only, self.serving.cache());
@@ -64,7 +62,10 @@ impl WatchArgs {
             }
             explain(&serving, "the viewer ends with the training; Ctrl-C ends both and saves a checkpoint");
         };
-        let (outcome, served) = beside(listening, &BesideOptions { device: drawn_on, read_only, cache }, ready, train);
+        let (outcome, served) =
+            beside(listening, &BesideOptions { device: drawn_on, read_only, cache }, ready, |observer| {
+                method::train(context.observed_by(observer), device)
+            });
         if let Err(error) = served {
             errln!("note: the viewer ended before the training did: {error}");
         }

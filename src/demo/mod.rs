@@ -18,8 +18,7 @@ use crate::prepare::{
 };
 use crate::run::measure::{MeasuredOn, measure};
 use crate::run::{AnyRun, OpenRun};
-use crate::train::observer::NoObserver;
-use crate::train::run::{RunOptions, RunOutcome, Start};
+use crate::train::run::{RunContext, RunOptions, RunOutcome, Start};
 use crate::train::{TrainError, open_dataset};
 use crate::volume::placement::published_side;
 use crate::volume::raycast::DEFAULT_STEP;
@@ -142,9 +141,9 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
         device_name: options.device.0.clone(),
         stop_after: None,
     };
-    let outcome =
-        method::train(&resolved.value, &dataset, &options.device.1, &run_options, Some(&lock), stop, &mut NoObserver)?;
-    if !outcome.complete {
+    let context = RunContext { lock: Some(&lock), stop, ..RunContext::new(&resolved.value, &dataset, &run_options) };
+    let outcome = method::train(context, &options.device.1)?;
+    if !outcome.reason.is_complete() {
         return Err(DemoError::Interrupted);
     }
     stages.push(("train".to_owned(), started.elapsed().as_secs_f64()));

@@ -54,16 +54,13 @@ pub use volseggs::VolSegGs;
 
 use crate::config::types::{Config, VOLSEGGS};
 use crate::data::Dataset;
-use crate::files::RunLock;
 use crate::model::SceneError;
 use crate::registry::Registry;
-use crate::train::observer::Observer;
-use crate::train::run::{RunOptions, RunOutcome};
+use crate::train::run::{RunContext, RunOutcome};
 use crate::train::{TrainError, check_config};
 use burn::tensor::Device;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 /// A method. One value serves the whole process: it holds no state of any run.
 pub trait Method: Send + Sync {
@@ -228,19 +225,12 @@ pub fn start(config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<
     of(config)?.start(config, dataset, device)
 }
 
-/// Trains into a folder with the method that the configuration names: [`start`], then [`crate::train::run::run`].
+/// Trains into a folder on `device` with the method that the configuration names: [`start`], then
+/// [`crate::train::run::run`].
 ///
 /// # Errors
 /// As these two.
-pub fn train(
-    config: &Config,
-    dataset: &Dataset,
-    device: &Device,
-    options: &RunOptions,
-    held: Option<&RunLock>,
-    stop: &AtomicBool,
-    observer: &mut dyn Observer,
-) -> Result<RunOutcome, TrainError> {
-    let training = start(config, dataset, device)?;
-    crate::train::run::run(config, dataset, training, options, held, stop, observer)
+pub fn train(context: RunContext<'_>, device: &Device) -> Result<RunOutcome, TrainError> {
+    let training = start(context.config, context.dataset, device)?;
+    crate::train::run::run(context, training)
 }

@@ -15,8 +15,7 @@ use crate::files::{AtomicDir, LockError, RunLock, RunPaths, Work};
 use crate::metrics::lpips::Lpips;
 use crate::run::measure::{MeasuredOn, measure};
 use crate::run::{AnyRun, OpenRun};
-use crate::train::observer::NoObserver;
-use crate::train::run::{RunOptions, RunRecord, Start};
+use crate::train::run::{RunContext, RunOptions, RunRecord, Start};
 use crate::train::{checkpoint, open_dataset, open_measured};
 use burn::tensor::Device;
 use std::collections::BTreeMap;
@@ -176,10 +175,10 @@ impl Worker<'_> {
             device_name: self.run.device.clone(),
             stop_after,
         };
-        let outcome =
-            crate::method::train(config, &dataset, device, &options, Some(self.lock), self.stop, &mut NoObserver)
-                .map_err(failed("train"))?;
-        Ok(match outcome.complete {
+        let context =
+            RunContext { lock: Some(self.lock), stop: self.stop, ..RunContext::new(config, &dataset, &options) };
+        let outcome = crate::method::train(context, device).map_err(failed("train"))?;
+        Ok(match outcome.reason.is_complete() {
             true => None,
             false if self.stop.load(Ordering::Relaxed) => Some(Ended::Interrupted),
             false => Some(Ended::Paused),

@@ -1,7 +1,7 @@
 //! Errors of training.
 
 use crate::data::error::DataError;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Why training stops.
 #[derive(Debug, thiserror::Error)]
@@ -43,4 +43,11 @@ pub enum TrainError {
         /// What happened.
         reason: String,
     },
+}
+
+impl TrainError {
+    /// Returns a function that makes this error of one about the log at `path`.
+    pub(super) fn in_file<E: std::fmt::Display>(path: &Path) -> impl FnOnce(E) -> Self {
+        move |e| Self::Log { path: path.into(), reason: e.to_string() }
+    }
 }

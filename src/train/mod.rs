@@ -19,7 +19,6 @@ pub mod gather;
 mod gaussian_training;
 pub mod init;
 pub mod live;
-mod logs;
 pub mod loss_term;
 pub mod losses;
 pub mod observer;

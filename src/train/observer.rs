@@ -4,19 +4,14 @@
 //! numbers on its account.
 
 use super::StepReport;
-use super::run::RunRecord;
+use super::record::RunRecord;
 use crate::config::types::Config;
 use crate::model::Model;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
 
-/// Interval at which an observer is asked whether a pause is over.
-const ASK: Duration = Duration::from_millis(20);
-
-/// Progress of a training.
+/// Progress of a run.
 #[derive(Clone, Copy, Debug)]
-pub struct Moment<'a> {
+pub struct RunProgress<'a> {
     /// Folder of the run.
     pub run: &'a Path,
     /// Its configuration.
@@ -48,29 +43,5 @@ pub enum Next {
 pub trait Observer {
     /// Called before the first step, after every step, and repeatedly during a pause; the training waits for it. After
     /// the last step there is no pause.
-    fn look(&mut self, now: &Moment<'_>) -> Next;
-}
-
-/// An observer that does nothing.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct NoObserver;
-
-impl Observer for NoObserver {
-    fn look(&mut self, _: &Moment<'_>) -> Next {
-        Next::Continue
-    }
-}
-
-/// Calls `observer` and waits for as long as it pauses the training, at most until `stop` is raised. Calls `begin` at
-/// the start of a pause. Returns the duration of the pause.
-pub fn wait_for(observer: &mut dyn Observer, now: &Moment<'_>, stop: &AtomicBool, begin: impl FnOnce()) -> Duration {
-    if observer.look(now) == Next::Continue || now.steps >= now.until {
-        return Duration::ZERO;
-    }
-    begin();
-    let began = Instant::now();
-    while !stop.load(Ordering::Relaxed) && observer.look(now) == Next::Pause {
-        std::thread::sleep(ASK);
-    }
-    began.elapsed()
+    fn on_step(&mut self, now: &RunProgress<'_>) -> Next;
 }

@@ -6,7 +6,7 @@ use crate::config::types::Config;
 use crate::model::params::{FitError, HostTensor, collect};
 use crate::model::{Scene, SceneSpec};
 use crate::run::OpenRun;
-use crate::train::observer::{Moment, Next, Observer};
+use crate::train::observer::{Next, Observer, RunProgress};
 use crate::train::run::RunRecord;
 use burn::tensor::Device;
 use serde::Serialize;
@@ -52,7 +52,7 @@ pub struct SceneCopy {
 }
 
 impl SceneCopy {
-    fn of(now: &Moment<'_>, scene: &Scene) -> Self {
+    fn of(now: &RunProgress<'_>, scene: &Scene) -> Self {
         Self { step: now.steps, spec: scene.spec.clone(), tensors: collect(scene) }
     }
 
@@ -207,7 +207,7 @@ impl<'a> Onlooker<'a> {
     }
 
     /// Leaves the run with the scene before the first step.
-    fn begin(&mut self, now: &Moment<'_>, scene: &Scene) {
+    fn begin(&mut self, now: &RunProgress<'_>, scene: &Scene) {
         let (path, record, config) = (now.run.to_owned(), now.record.clone(), now.config.clone());
         self.live.lock().run = Some(Begun { path, record, config, copy: SceneCopy::of(now, scene) });
         self.live.begins.notify_all();
@@ -218,7 +218,7 @@ impl<'a> Onlooker<'a> {
     }
 
     /// Returns the steps per second, if they were measured anew.
-    fn pace(&mut self, now: &Moment<'_>) -> Option<f64> {
+    fn pace(&mut self, now: &RunProgress<'_>) -> Option<f64> {
         let (seconds, steps) = (now.seconds - self.since.0, now.steps - self.since.1);
         if seconds < PACE || steps == 0 {
             return None;
@@ -229,7 +229,7 @@ impl<'a> Onlooker<'a> {
 }
 
 impl Observer for Onlooker<'_> {
-    fn look(&mut self, now: &Moment<'_>) -> Next {
+    fn on_step(&mut self, now: &RunProgress<'_>) -> Next {
         // a viewer of a training that gives no Gaussians was refused before
         let Some(scene) = now.model.scene() else { return Next::Continue };
         if self.copied.is_none() {

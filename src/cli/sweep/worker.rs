@@ -1,7 +1,7 @@
 //! `volseggs sweep worker`: does one run in this process.
 
 use super::CliError;
-use crate::cli::patient_stop_flag;
+use crate::cli::{OnSecondSignal, stop_flag_with};
 use crate::program::{build, build_label};
 use crate::sweep::Plan;
 use crate::sweep::local::{HELD, INTERRUPTED};
@@ -48,7 +48,7 @@ impl WorkerArgs {
                 plan.runs.len()
             )));
         };
-        let stop = patient_stop_flag("stopping after this step, with a checkpoint")?;
+        let stop = stop_flag_with("stopping after this step, with a checkpoint", OnSecondSignal::Ignore)?;
         if let Some(parent) = self.parent {
             end_with(parent, &stop);
         }
