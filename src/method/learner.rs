@@ -3,8 +3,8 @@
 use super::file::wrong;
 use crate::model::params::{self, HostTensor};
 use crate::model::scene_file::SceneError;
-use crate::train::TrainError;
 use crate::train::optimizer::{AdamConstants, Optimizer};
+use crate::train::{InPlace, TrainError};
 use burn::module::Module;
 use burn::tensor::{Device, Gradients};
 use std::collections::BTreeMap;
@@ -13,8 +13,7 @@ use std::path::Path;
 /// A module trained by Adam.
 #[derive(Debug)]
 pub(super) struct Learner<M> {
-    /// `None` only while the optimiser holds it.
-    module: Option<M>,
+    module: InPlace<M>,
     optimizer: Optimizer,
     constants: AdamConstants,
 }
@@ -31,15 +30,12 @@ pub(super) fn plain<M: Module>(module: &M) -> (M, Device) {
 impl<M: Module> Learner<M> {
     /// Wraps a module on a device with gradients; there are no moments yet.
     pub fn new(module: M, constants: AdamConstants) -> Self {
-        Self { module: Some(module), optimizer: Optimizer::new(constants), constants }
+        Self { module: InPlace::new(module), optimizer: Optimizer::new(constants), constants }
     }
 
     /// The module.
     pub fn module(&self) -> &M {
-        match &self.module {
-            Some(module) => module,
-            None => unreachable!("the optimiser returns the module"),
-        }
+        &self.module
     }
 
     /// Updates every parameter that has a gradient, with the learning rate for its name.
@@ -52,18 +48,12 @@ impl<M: Module> Learner<M> {
         gradients: &mut Gradients,
         rate: impl Fn(&str) -> Option<f64>,
     ) -> Result<(), TrainError> {
-        // taken out, so that the optimiser is the only owner of the memory and can write in place
-        let Some(module) = self.module.take() else { return Ok(()) };
-        let (module, bad) = self.optimizer.step(module, gradients, rate);
-        self.module = Some(module);
-        bad.map_or(Ok(()), |bad| Err(TrainError::NotFinite { step, what: bad.to_string() }))
+        self.optimizer.update(&mut self.module, step, gradients, rate)
     }
 
     /// Changes parts of the module that are not trained.
     pub fn change(&mut self, f: impl FnOnce(&mut M)) {
-        if let Some(module) = &mut self.module {
-            f(module);
-        }
+        f(&mut self.module);
     }
 
     /// Discards Adam's moments.
@@ -88,7 +78,7 @@ impl<M: Module> Learner<M> {
         device: &Device,
     ) -> Result<(), SceneError> {
         let loaded = self.optimizer.load(state, &params::sizes(&module), &device.clone().inner());
-        self.module = Some(module);
+        self.module = InPlace::new(module);
         loaded.map_err(|reason| wrong(path, reason))
     }
 }

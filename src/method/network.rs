@@ -10,7 +10,7 @@ use crate::model::params::{self, HostTensor};
 use crate::train::checkpoint::CheckpointError;
 use crate::train::optimizer::{AdamConstants, Optimizer};
 use crate::train::watch::LossWatch;
-use crate::train::{StepReport, StepTimes, TrainError, evaluation_background};
+use crate::train::{InPlace, StepReport, StepTimes, TrainError, evaluation_background, timed};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use glam::DVec3;
@@ -19,7 +19,6 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::path::Path;
-use std::time::{Duration, Instant};
 use volseggs_kernels::Camera;
 
 /// Entry of the file's header.
@@ -107,8 +106,7 @@ pub struct OneNetwork<N>(pub N);
 #[derive(Debug)]
 struct Drawer<N: Network> {
     method: N,
-    /// `None` only while the optimiser holds it.
-    module: Option<N::Module>,
+    module: InPlace<N::Module>,
     spec: N::Spec,
     background: [f32; 3],
     device: Device,
@@ -141,7 +139,7 @@ impl<N: Network> Method for OneNetwork<N> {
         let bytes = method.parameters(&spec).map_err(TrainError::Config)?.saturating_mul(BYTES);
         let what = format!("the network of the method {}", config.method);
         Budget::now().check(what, bytes).map_err(|e| TrainError::Config(e.to_string()))?;
-        let module = Some(method.network(&spec, config.seed, &device));
+        let module = InPlace::new(method.network(&spec, config.seed, &device));
         let (total, optimizer) = (method.steps(config), Optimizer::new(method.adam(config)));
         let watch = LossWatch::new(&device, config.output.checkpoint_every, total);
         let drawer = Drawer { method, module, spec, background, device };
@@ -159,25 +157,18 @@ impl<N: Network> Drawer<N> {
         let Header { background, spec } = &file.spec;
         let asked = method.parameters(spec).map_err(|e| file::wrong(path, format!("header: {e}")))?;
         file.check_size(path, asked)?;
-        let module = Some(file.fill(path, method.network(spec, 0, device))?);
+        let module = InPlace::new(file.fill(path, method.network(spec, 0, device))?);
         let (background, spec) = (*background, spec.clone());
         Ok(Self { method, module, spec, background, device: device.clone() })
-    }
-
-    fn module(&self) -> &N::Module {
-        match &self.module {
-            Some(module) => module,
-            None => unreachable!("the optimiser returns the network"),
-        }
     }
 }
 
 impl<N: Network> Model for Drawer<N> {
     fn image(&self, camera: Camera, time: f32) -> Tensor<3> {
         if self.device.is_autodiff() {
-            return self.method.image(&self.module().valid(), &self.spec, camera, time);
+            return self.method.image(&self.module.valid(), &self.spec, camera, time);
         }
-        self.method.image(self.module(), &self.spec, camera, time)
+        self.method.image(&self.module, &self.spec, camera, time)
     }
 
     fn device(&self) -> Device {
@@ -193,11 +184,11 @@ impl<N: Network> Model for Drawer<N> {
     }
 
     fn counts(&self) -> Counts {
-        Counts { parameters: params::sizes(self.module()).values().sum(), primitives: 0 }
+        Counts { parameters: params::sizes(&*self.module).values().sum(), primitives: 0 }
     }
 
     fn parameters(&self) -> BTreeMap<String, HostTensor> {
-        params::collect(self.module())
+        params::collect(&*self.module)
     }
 
     fn save(&self, path: &Path) -> Result<(), SceneError> {
@@ -225,29 +216,18 @@ impl<N: Network> Training for Fit<N> {
     }
 
     fn step(&mut self, split: &Split) -> Result<StepReport, TrainError> {
-        let (step, mut times, mut clock) = (self.step, StepTimes::default(), Instant::now());
-        let mut lap = |slot: &mut Duration| {
-            *slot = clock.elapsed();
-            clock = Instant::now();
-        };
-        let Drawer { method, spec, background, device, .. } = &self.drawer;
-        let seen = Seen { spec, config: &self.config, split, background: *background, step, device };
-        let [loss, squared] = method.loss(self.drawer.module(), &seen);
-        self.watch.look(step, &loss, || squared)?;
-        lap(&mut times.deform);
-        let mut gradients = loss.backward();
-        lap(&mut times.backward);
-        let method = method.clone();
-        // taken out, so that the optimiser is the only owner of the memory and can write in place
-        if let Some(module) = self.drawer.module.take() {
+        let (step, mut times) = (self.step, StepTimes::default());
+        let Drawer { method, module, spec, background, device } = &mut self.drawer;
+        let loss = timed(&mut times.deform, || {
+            let seen = Seen { spec, config: &self.config, split, background: *background, step, device };
+            let [loss, squared] = method.loss(module, &seen);
+            self.watch.check(step, &loss, || squared).map(|()| loss)
+        })?;
+        let mut gradients = timed(&mut times.backward, || loss.backward());
+        timed(&mut times.adam, || {
             let rate = |name: &str| method.rate(name, step, &self.config);
-            let (module, bad) = self.optimizer.step(module, &mut gradients, rate);
-            self.drawer.module = Some(module);
-            if let Some(bad) = bad {
-                return Err(TrainError::NotFinite { step, what: bad.to_string() });
-            }
-        }
-        lap(&mut times.adam);
+            self.optimizer.update(module, step, &mut gradients, rate)
+        })?;
         self.step += 1;
         let (loss, psnr) = self.watch.last();
         Ok(StepReport { step, stage: "train", loss, psnr, primitives: 0, times })
@@ -263,7 +243,7 @@ impl<N: Network> Training for Fit<N> {
 
     fn resume(&mut self, from: Saved<'_>) -> Result<(), CheckpointError> {
         self.drawer = Drawer::read(self.drawer.method.clone(), from.model, &self.drawer.device)?;
-        let (sizes, device) = (params::sizes(self.drawer.module()), self.drawer.device.clone().inner());
+        let (sizes, device) = (params::sizes(&*self.drawer.module), self.drawer.device.clone().inner());
         let loaded = self.optimizer.load(&from.state, &sizes, &device);
         loaded.map_err(|reason| CheckpointError::File { path: from.state_path.into(), reason })?;
         self.step = from.step;

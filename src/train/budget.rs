@@ -25,16 +25,16 @@ const HULL_TABLE: u128 = 257 * 257;
 
 /// Size of the training images.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Views {
+pub(crate) struct ViewSizes {
     /// Number of images.
     pub count: usize,
     /// Pixels per image.
     pub pixels: usize,
 }
 
-impl Views {
+impl ViewSizes {
     /// Returns those of a split.
-    pub(crate) fn of(split: &Split) -> Self {
+    pub(crate) fn from_split(split: &Split) -> Self {
         let (width, height) = (split.images.width as usize, split.images.height as usize);
         Self { count: split.frames.len(), pixels: width.saturating_mul(height) }
     }
@@ -44,7 +44,7 @@ impl Views {
 ///
 /// # Errors
 /// If the memory does not suffice, naming the key that needs most of it, with its value.
-pub(crate) fn check_memory(config: &Config, views: Views, on_gpu: bool, budget: Budget) -> Result<(), TrainError> {
+pub(crate) fn check_memory(config: &Config, views: ViewSizes, on_gpu: bool, budget: Budget) -> Result<(), TrainError> {
     let need = |config: &Config| needed(config, views, on_gpu);
     let bytes = need(config);
     budget.check(largest(config, need), bytes).map_err(|e| TrainError::Config(e.to_string()))
@@ -85,7 +85,7 @@ impl Sizes {
 }
 
 /// Returns the bytes at the peak of a training, excluding the images themselves.
-fn needed(config: &Config, views: Views, on_gpu: bool) -> u128 {
+fn needed(config: &Config, views: ViewSizes, on_gpu: bool) -> u128 {
     let (n, count) = (max_gaussians(config), views.count as u128);
     let Sizes { attributes, parameters, kept } = Sizes::of(config);
     let pixels = views.pixels as u128;
@@ -116,7 +116,7 @@ pub(crate) fn max_gaussians(config: &Config) -> u128 {
     if d.mode == DensifyMode::Relocate {
         return budget.max(start);
     }
-    let [warmup, joint] = Span::of(config).map(|span| span.steps() / d.every.max(1));
+    let [warmup, joint] = Span::per_stage(config).map(|span| span.steps() / d.every.max(1));
     let times = warmup.saturating_add(joint).saturating_add(2);
     let doubled = start.saturating_mul(1u128.checked_shl(times.min(64) as u32).unwrap_or(u128::MAX));
     doubled.min(budget).max(start)
@@ -167,7 +167,7 @@ mod tests {
     use crate::config::preset;
     use crate::config::types::EncoderKind;
 
-    const VIEWS: Views = Views { count: 100, pixels: 400 * 400 };
+    const VIEWS: ViewSizes = ViewSizes { count: 100, pixels: 400 * 400 };
 
     fn refusal(config: &Config, on_gpu: bool) -> String {
         check_memory(config, VIEWS, on_gpu, Budget::of(8_000_000_000)).unwrap_err().to_string()
@@ -231,7 +231,7 @@ mod tests {
         }
         config.speed.coarse_steps = 1;
         config.model.sh_degree = usize::MAX;
-        let views = Views { count: usize::MAX, pixels: usize::MAX };
+        let views = ViewSizes { count: usize::MAX, pixels: usize::MAX };
         assert!(check_memory(&config, views, false, Budget::of(u64::MAX)).is_err());
     }
 

@@ -2,7 +2,7 @@
 
 use super::budget::max_gaussians;
 use super::rate_schedule::find_schedule;
-use super::{TrainError, average, losses, schedule};
+use super::{TrainError, ema, losses, schedule};
 use crate::config::types::{Config, DataConfig, DensifyConfig, DensifyMode, EncoderKind};
 use crate::memory::product;
 use crate::model::d3dgs;
@@ -103,8 +103,8 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     if let Some(text) = bad_number(&whole, String::new()) {
         return bad(text);
     }
-    if config.optim.average > 0 && !average::REACH.contains(&config.optim.average) {
-        let (min, max) = average::REACH.into_inner();
+    if config.optim.average > 0 && !ema::WINDOWS.contains(&config.optim.average) {
+        let (min, max) = ema::WINDOWS.into_inner();
         return bad(format!("optim.average = {}: 0 for none, or from {min} to {max}", config.optim.average));
     }
     if config.init.points == 0 {

@@ -9,7 +9,7 @@ use volseggs_kernels::splat::ALPHA_MIN;
 /// Bits that one number of a checkpoint holds exactly.
 const BITS: usize = 16;
 /// Prefix of its tensors in a checkpoint.
-const PREFIX: &str = "asleep.";
+const PREFIX: &str = "culled.";
 
 /// The culled Gaussians of each time seen so far.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -39,7 +39,7 @@ impl Culling {
     }
 
     /// Records which Gaussians are transparent at `time`, from their logits `[N]`, after a visit that evaluated all.
-    pub fn note(&mut self, time: f64, opacity_logits: &[f32]) {
+    pub fn record(&mut self, time: f64, opacity_logits: &[f32]) {
         if self.is_on() {
             let limit = logit(ALPHA_MIN);
             self.times.insert(time.to_bits(), (0, opacity_logits.iter().map(|&o| o < limit).collect()));
@@ -86,12 +86,12 @@ mod tests {
         let mut culling = Culling::new(3);
         let logits: Vec<f32> = (0..40).map(|i| if i % 3 == 0 { -9.0 } else { 0.5 }).collect();
         assert_eq!(culling.visit(0.5), None);
-        culling.note(0.5, &logits);
+        culling.record(0.5, &logits);
         let culled = culling.visit(0.5).unwrap();
         assert!(culled.iter().enumerate().all(|(i, a)| *a == (i % 3 == 0)));
         assert_eq!(culling.visit(0.25), None, "another time");
 
-        assert!(culling.to_tensors().keys().all(|name| name == &format!("asleep.{:016x}", 0.5f64.to_bits())));
+        assert!(culling.to_tensors().keys().all(|name| name == &format!("culled.{:016x}", 0.5f64.to_bits())));
         let mut again = Culling::new(3);
         again.load(&culling.to_tensors(), 40);
         assert_eq!(again, culling);
@@ -105,7 +105,7 @@ mod tests {
     #[test]
     fn by_default_none_is_culled() {
         let mut culling = Culling::new(0);
-        culling.note(0.5, &[-9.0; 4]);
+        culling.record(0.5, &[-9.0; 4]);
         assert_eq!(culling.visit(0.5), None);
         assert!(culling.to_tensors().is_empty());
     }

@@ -30,7 +30,7 @@ impl Due {
 
 /// Whether the changes due after the last step are still to be applied.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Waiting(bool);
+pub struct PendingDensification(bool);
 
 /// Changes of the Gaussians to apply before a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,9 +43,9 @@ pub struct Changes {
     pub sort: bool,
 }
 
-impl Waiting {
+impl PendingDensification {
     /// Marks it in a checkpoint.
-    const NAME: &'static str = "densify.waiting";
+    const NAME: &'static str = "densify.pending";
 
     /// Notes that a step was taken.
     pub fn after_step(&mut self) {
@@ -56,7 +56,7 @@ impl Waiting {
     pub fn take(&mut self, steps: usize, config: &Config, start: usize) -> Option<Changes> {
         let step = std::mem::take(&mut self.0).then(|| steps.checked_sub(1))??;
         let sort = sorts_after(steps, config);
-        let due = due(Stage::at(step, config), config, start);
+        let due = due(Stage::from_step(step, config), config, start);
         (due != Due::default() || sort).then_some(Changes { step, due, sort })
     }
 
@@ -66,7 +66,7 @@ impl Waiting {
         self.0.then_some(mark).into_iter().collect()
     }
 
-    /// Restores what [`Waiting::to_tensors`] returned.
+    /// Restores what [`PendingDensification::to_tensors`] returned.
     pub fn load(tensors: &BTreeMap<String, HostTensor>) -> Self {
         Self(tensors.contains_key(Self::NAME))
     }
@@ -89,7 +89,7 @@ pub(super) struct Span {
 impl Span {
     /// Returns the spans of warm-up and of the joint stage. They end before the last step of the run, after which
     /// nothing is applied any more.
-    pub(super) fn of(config: &Config) -> [Self; 2] {
+    pub(super) fn per_stage(config: &Config) -> [Self; 2] {
         let (d, stages) = (&config.densify, &config.stages);
         let warmup_steps =
             if stages.joint_steps > 0 { stages.warmup_steps } else { stages.warmup_steps.saturating_sub(1) };
@@ -118,7 +118,7 @@ impl Span {
 /// within their stage.
 fn due(stage: Stage, config: &Config, start: usize) -> Due {
     let d = &config.densify;
-    let [warmup, joint] = Span::of(config);
+    let [warmup, joint] = Span::per_stage(config);
     let (step, span) = match stage {
         Stage::Warmup(s) => (s + 1, warmup),
         Stage::Joint(s) => (s + 1, joint),
@@ -163,7 +163,7 @@ fn due(stage: Stage, config: &Config, start: usize) -> Due {
 /// if warm-up has a budget of its own.
 fn line(stage: Stage, config: &Config, start: usize) -> usize {
     let d = &config.densify;
-    let [warmup, joint] = Span::of(config);
+    let [warmup, joint] = Span::per_stage(config);
     let (from, to, done, steps) = match (stage, d.warmup_budget) {
         (Stage::Warmup(s), 0) => (start, d.budget, warmup.done(s + 1), warmup.steps() + joint.steps()),
         (Stage::Joint(s), 0) => (start, d.budget, warmup.steps() + joint.done(s + 1), warmup.steps() + joint.steps()),
@@ -240,23 +240,23 @@ mod tests {
         (config.densify.mode, config.speed.sort_every) = (DensifyMode::Off, 100);
         (config.densify.prune_opacity, config.densify.opacity_reset) = (0.0, 250);
         let reset = Due { reset: true, ..Due::default() };
-        let mut waiting = Waiting::default();
-        assert_eq!(waiting.take(0, &config, 100), None, "no step has been taken");
+        let mut pending = PendingDensification::default();
+        assert_eq!(pending.take(0, &config, 100), None, "no step has been taken");
         for (steps, expected) in [
             (99, None),
             (100, Some(Changes { step: 99, due: Due::default(), sort: true })),
             (250, Some(Changes { step: 249, due: reset, sort: false })),
         ] {
-            assert_eq!(waiting.take(steps, &config, 100), None);
-            waiting.after_step();
-            let mut restored = Waiting::load(&waiting.to_tensors());
-            assert_eq!(waiting.take(steps, &config, 100), expected);
+            assert_eq!(pending.take(steps, &config, 100), None);
+            pending.after_step();
+            let mut restored = PendingDensification::load(&pending.to_tensors());
+            assert_eq!(pending.take(steps, &config, 100), expected);
             assert_eq!(restored.take(steps, &config, 100), expected);
-            assert!(waiting.to_tensors().is_empty());
+            assert!(pending.to_tensors().is_empty());
         }
         config.speed.sort_every = 0;
-        waiting.after_step();
-        assert_eq!(waiting.take(100, &config, 100), None);
+        pending.after_step();
+        assert_eq!(pending.take(100, &config, 100), None);
     }
 
     #[test]
@@ -310,7 +310,7 @@ mod tests {
     fn resets_may_go_on_in_the_joint_stage_counted_over_the_run() {
         let config = Layers::new(PRESETS).source("d3dgs").resolve::<Config>().unwrap().value;
         let steps = config.stages.warmup_steps + config.stages.joint_steps;
-        let run = (1..=steps).map(|step| (step, due(Stage::at(step - 1, &config), &config, 100)));
+        let run = (1..=steps).map(|step| (step, due(Stage::from_step(step - 1, &config), &config, 100)));
         let run: Vec<(usize, Due)> = run.collect();
         let at = |what: fn(&Due) -> bool| run.iter().filter(|(_, due)| what(due)).map(|(s, _)| *s).collect::<Vec<_>>();
         assert_eq!(at(|d| d.reset), [3000, 6000, 9000, 12_000], "as 3DGS, but for step 500 on white");

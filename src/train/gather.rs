@@ -8,15 +8,15 @@ use volseggs_kernels::splat::ViewSums;
 
 /// Statistics on the host and on the device.
 #[derive(Clone, Debug)]
-pub struct Gathered {
+pub struct GatheredStatistics {
     host: Statistics,
     on_device: bool,
-    /// Sums on the device since the last [`Gathered::replace`].
+    /// Sums on the device since the last [`GatheredStatistics::replace`].
     waiting: Option<ViewSums>,
 }
 
 /// Contribution of one step, without gradients.
-pub struct View {
+pub struct ViewContribution {
     /// Gradient of the screen positions `[N, 2]`, if there was one.
     pub screen: Option<Tensor<2>>,
     /// Radii `[N]`, 0 if not drawn.
@@ -27,7 +27,7 @@ pub struct View {
     pub size: [usize; 2],
 }
 
-impl Gathered {
+impl GatheredStatistics {
     /// Returns empty statistics for `n` Gaussians.
     pub fn new(n: usize, on_device: bool) -> Self {
         Self::from(Statistics::new(n), on_device)
@@ -39,7 +39,7 @@ impl Gathered {
     }
 
     /// Adds a view.
-    pub fn add(&mut self, view: View) {
+    pub fn add(&mut self, view: ViewContribution) {
         if !self.on_device {
             let screen = view.screen.map(to_vec).unwrap_or_default();
             let radii: Vec<i32> = view.radii.into_data().convert::<i32>().try_into_vec().unwrap_or_default();
@@ -87,14 +87,14 @@ mod tests {
     use burn::tensor::Device;
 
     fn both_sides_gather_the_same(gpu: Device) {
-        let view = |k: f32, device: &Device| View {
+        let view = |k: f32, device: &Device| ViewContribution {
             screen: (k != 3.0).then(|| Tensor::from_floats([[3.0 * k, 4.0], [1.0, k]], device)),
             radii: Tensor::from_ints([2, i32::from(k > 1.0)], device),
             logits: Tensor::from_floats([k - 1.0, -k], device),
             size: [20, 10],
         };
         let run = |on_device: bool, device: &Device| {
-            let mut g = Gathered::new(2, on_device);
+            let mut g = GatheredStatistics::new(2, on_device);
             for k in 0..4 {
                 g.add(view(k as f32, device));
                 if k == 1 {

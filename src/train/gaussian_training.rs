@@ -2,8 +2,8 @@
 
 use super::checkpoint::CheckpointError;
 use super::densify::Statistics;
-use super::due::Waiting;
-use super::{Saved, StepReport, TrainError, Trainer, Training};
+use super::due::PendingDensification;
+use super::{InPlace, Saved, StepReport, TrainError, Trainer, Training};
 use crate::data::Split;
 use crate::model::params::{self, HostTensor};
 use crate::model::{Model, Scene};
@@ -30,25 +30,26 @@ impl Training for Trainer {
         let mut tensors = self.optimizer.to_tensors();
         tensors.extend(self.culling.to_tensors());
         tensors.extend(self.statistics.to_host().into_tensors());
-        tensors.extend(self.average.to_tensors(self.scene()));
-        tensors.extend(self.waiting.to_tensors());
+        tensors.extend(self.ema.to_tensors(self.scene()));
+        tensors.extend(self.pending.to_tensors());
         tensors
     }
 
     fn resume(&mut self, from: Saved<'_>) -> Result<(), CheckpointError> {
         let bad = |reason: String| CheckpointError::File { path: from.state_path.into(), reason };
         let device = self.device().clone();
-        let scene = self.average.load(Scene::load(from.model, &device)?, &from.state).map_err(bad)?;
+        let scene = self.ema.load(Scene::load(from.model, &device)?, &from.state).map_err(bad)?;
         let n = scene.gaussians.count();
         let statistics = Statistics::from_tensors(&from.state, n).map_err(bad)?;
         self.statistics.replace(|_| statistics);
         self.optimizer.load(&from.state, &params::sizes(&scene), &device.inner()).map_err(bad)?;
         self.culling.load(&from.state, n);
-        self.waiting = Waiting::load(&from.state);
-        (self.scene, self.step, self.initial) = (Some(scene), from.step, from.first_primitives);
+        self.pending = PendingDensification::load(&from.state);
+        self.scene = InPlace::new(scene);
+        (self.step, self.initial) = (from.step, from.first_primitives);
         // the run may have been saved before it had a joint stage
         if self.begins_joint() {
-            self.update_average();
+            self.update_ema();
         }
         Ok(())
     }

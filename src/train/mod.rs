@@ -7,16 +7,17 @@
 mod advice;
 #[cfg(test)]
 mod attribute_tests;
-mod average;
 pub(crate) mod budget;
 pub(crate) mod check;
 pub mod checkpoint;
 pub mod culling;
 pub mod densify;
 pub mod due;
+mod ema;
 mod error;
 pub mod gather;
 mod gaussian_training;
+mod in_place;
 pub mod init;
 pub mod live;
 pub mod loss_term;
@@ -43,7 +44,8 @@ pub mod watch;
 pub use advice::advice;
 pub use check::{check as check_config, evaluation_background};
 pub use error::TrainError;
+pub use in_place::InPlace;
 pub use open::{open_dataset, open_measured, open_trained, trained_times};
-pub use report::{StepReport, StepTimes};
+pub use report::{StepReport, StepTimes, timed};
 pub use trainer::Trainer;
 pub use training::{Saved, Training};

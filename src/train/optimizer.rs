@@ -1,5 +1,6 @@
 //! Adam over a module's parameters by name, with moments that can follow Gaussians as they are added and removed.
 
+use super::{InPlace, TrainError};
 use crate::model::params::{HostTensor, Path, to_vec};
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
@@ -68,6 +69,22 @@ impl Optimizer {
         let mut stepper = Stepper { path: Path::default(), optimizer: self, gradients, rate, bad: None };
         let module = module.map(&mut stepper);
         (module, stepper.bad)
+    }
+
+    /// Takes one step, of the number `step`, on every parameter of `module` that has a gradient and a rate.
+    ///
+    /// # Errors
+    /// [`TrainError::NotFinite`] at the first parameter or gradient that is not finite: parameters visited before it
+    /// have then been updated, and the caller goes back to the last checkpoint.
+    pub fn update<M: Module>(
+        &mut self,
+        module: &mut InPlace<M>,
+        step: usize,
+        gradients: &mut Gradients,
+        rate: impl Fn(&str) -> Option<f64>,
+    ) -> Result<(), TrainError> {
+        let bad = module.map(|module| self.step(module, gradients, rate));
+        bad.map_or(Ok(()), |bad| Err(TrainError::NotFinite { step, what: bad.to_string() }))
     }
 
     /// Replaces each of the two moments of parameter `name`, flat, by the result of `f`, for densification.

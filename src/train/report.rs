@@ -1,6 +1,6 @@
 //! Outcome and timings of a step.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Times of the parts of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -26,6 +26,14 @@ impl StepTimes {
         let Self { data, deform, splat, loss, backward, adam, densify } = self;
         [data, deform, splat, loss, backward, adam, densify]
     }
+}
+
+/// Runs a part of a step, and adds its time to `slot`.
+pub fn timed<T>(slot: &mut Duration, part: impl FnOnce() -> T) -> T {
+    let began = Instant::now();
+    let result = part();
+    *slot += began.elapsed();
+    result
 }
 
 /// Mean times of several steps. What is due at every tenth or hundredth step would be in each step that is logged, or

@@ -16,7 +16,7 @@ pub enum Stage {
 
 impl Stage {
     /// The stage of global step `step`, from 0.
-    pub fn at(step: usize, config: &Config) -> Self {
+    pub fn from_step(step: usize, config: &Config) -> Self {
         let warmup = config.stages.warmup_steps;
         if step < warmup { Self::Warmup(step) } else { Self::Joint(step - warmup) }
     }

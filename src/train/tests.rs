@@ -1,7 +1,7 @@
 //! Tests of [`Trainer`] on a dataset of a few small views.
 
 use super::schedule::{Stage, learning_rate};
-use super::{Saved, TrainError, Trainer, Training, losses};
+use super::{InPlace, Saved, TrainError, Trainer, Training, losses};
 use crate::config::layers::Layers;
 use crate::config::types::{Config, DensifyMode, EncoderKind, GridInit, ShBands, TvOrder, TvReduction};
 use crate::config::{PRESETS, preset};
@@ -35,8 +35,8 @@ fn trainer(config: &Config) -> (Dataset, Trainer) {
 /// Returns the gradients of planes, lines and temporal vectors for the photometric loss of one view, before any step.
 fn encoder_gradients(config: &Config) -> [Vec<f32>; 3] {
     let (data, mut trainer) = trainer(config);
-    let scene = trainer.scene.as_mut().unwrap();
-    scene.spec.deformed = true;
+    trainer.scene.spec.deformed = true;
+    let scene = trainer.scene();
     let frame = &data.train.frames[0];
     let view = scene.draw(scene.at(frame.time as f32), frame.camera.to_kernel(), [1.0; 3], None);
     let target = Tensor::zeros(view.image.dims(), &view.image.device());
@@ -119,7 +119,7 @@ fn a_static_scene_is_trained_without_a_joint_stage() {
     assert!(mean(220, 240) > mean(0, 20) + 3.0, "{} dB, then {} dB", mean(0, 20), mean(220, 240));
     let counts: Vec<usize> = reports.iter().map(|r| r.primitives).collect();
     assert_eq!((counts[129] < 333, counts[130], counts[239]), (true, 333, 333), "the line ends with warmup_until");
-    let rate = |step: usize| learning_rate("gaussians.means", Stage::at(step, &config), &config, 1.0).unwrap();
+    let rate = |step: usize| learning_rate("gaussians.means", Stage::from_step(step, &config), &config, 1.0).unwrap();
     assert!((rate(120) / rate(0) - 0.1).abs() < 1e-12 && rate(239) / rate(0) < 0.011);
     let scene = trainer.scene();
     assert!(!scene.spec.deformed && scene.spec.sh_degree == 3);
@@ -195,12 +195,11 @@ fn a_nan_in_a_parameter_stops_training_and_is_named() {
         for _ in 0..2 {
             trainer.step(&data.train).unwrap();
         }
-        let scene = trainer.scene.take().unwrap();
-        let mut tensors = params::collect(&scene);
+        let mut tensors = params::collect(trainer.scene());
         let values = &mut tensors.get_mut(name).unwrap().values;
         let middle = values.len() / 2;
         values[middle] = f32::NAN;
-        trainer.scene = Some(params::load(scene, &tensors).unwrap());
+        trainer.scene = InPlace::new(params::load(trainer.scene().clone(), &tensors).unwrap());
         match trainer.step(&data.train) {
             Err(TrainError::NotFinite { step: 2, what }) => assert!(what.contains(name), "{name}: {what}"),
             other => panic!("{name}: {other:?}"),
@@ -273,7 +272,7 @@ fn an_average_changes_no_step_is_sorted_along_and_is_restored_from_a_checkpoint(
     for step in 0..114 {
         plain.step(&data.train).unwrap();
         averaged.step(&data.train).unwrap();
-        assert_eq!(averaged.average.scene().is_some(), step >= 9);
+        assert_eq!(averaged.ema.scene().is_some(), step >= 9);
     }
     assert_eq!(params::collect(averaged.scene()), params::collect(plain.scene()));
     let mean = |trainer: &Trainer| to_vec(trainer.shown().gaussians.means.val());
@@ -342,7 +341,7 @@ fn relocation_keeps_the_number_of_gaussians_on_the_line_and_resumes_bit_identica
         let both = [&mut whole, &mut resumed].map(|trainer| trainer.step(&data.train).unwrap().primitives);
         assert!(step > 25 || both == [220, 220], "{both:?}");
         // looked at after step 30, begun anew with the additions before step 31
-        assert_eq!(whole.average.scene().is_some(), [29, 39].contains(&step) || step >= 49, "{step}");
+        assert_eq!(whole.ema.scene().is_some(), [29, 39].contains(&step) || step >= 49, "{step}");
     }
     assert_eq!(whole.scene().gaussians.count(), 240);
     assert_eq!(params::collect(whole.scene()), params::collect(resumed.scene()));

@@ -3,8 +3,8 @@
 use super::TrainError;
 use burn::tensor::{Device, Tensor};
 
-/// Steps between two looks at the loss on a device that runs ahead of the host.
-const LOOK_EVERY: usize = 20;
+/// Steps between two readings of the loss on a device that runs ahead of the host.
+const READ_EVERY: usize = 20;
 
 /// Reads the loss back to the host: at every step, or, on a device that runs ahead of the host and would have to wait,
 /// only in the first steps, at every 20th, and before a checkpoint.
@@ -27,29 +27,29 @@ impl LossWatch {
         Self { runs_ahead, checkpoint_every, total, last: (f64::NAN, f64::NAN) }
     }
 
-    fn looks(&self, step: usize) -> bool {
+    fn is_due(&self, step: usize) -> bool {
         let done = step + 1;
         let every = |n: usize| n > 0 && done.is_multiple_of(n);
         !self.runs_ahead
             || self.last.0.is_nan()
-            || done <= LOOK_EVERY
-            || every(LOOK_EVERY)
+            || done <= READ_EVERY
+            || every(READ_EVERY)
             || every(self.checkpoint_every)
             || done == self.total
     }
 
     /// Reads the `loss` `[1]` of `step` (from 0), before its gradients are computed, and the mean squared error of the
-    /// colours `[1]` that `squared` returns; does nothing at a step without a look.
+    /// colours `[1]` that `squared` returns; does nothing at a step at which it is not read.
     ///
     /// # Errors
     /// [`TrainError::NotFinite`] if the loss is not finite.
-    pub fn look(
+    pub fn check(
         &mut self,
         step: usize,
         loss: &Tensor<1>,
         squared: impl FnOnce() -> Tensor<1>,
     ) -> Result<(), TrainError> {
-        if !self.looks(step) {
+        if !self.is_due(step) {
             return Ok(());
         }
         let value = f64::from(loss.clone().into_scalar::<f32>());

@@ -307,7 +307,7 @@ fn optimizer_file(path: &Path, steps: Vec<f32>) {
         ("adam.second.gaussians.means".to_owned(), tensor(vec![0.2; 9])),
         ("adam.steps.gaussians.means".to_owned(), tensor(steps)),
         ("statistics.gradient".to_owned(), tensor(vec![0.0; 3])),
-        (format!("asleep.{:016x}", 0.5f64.to_bits()), tensor(vec![2.0, 5.0])),
+        (format!("culled.{:016x}", 0.5f64.to_bits()), tensor(vec![2.0, 5.0])),
     ]);
     write_tensors(path, &all, None).unwrap();
 }

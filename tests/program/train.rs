@@ -128,8 +128,8 @@ fn a_resumed_run_with_every_speed_setting_equals_an_uninterrupted_one() {
     train(root.path(), "parts", &more).args(["--resume", "--stop-after", "69"]).assert().success();
     let parts = root.path().join("parts");
     let (tensors, _) = read_tensors(&parts.join("checkpoints/step-000069/optimizer.safetensors")).unwrap();
-    let asleep = tensors.iter().filter(|(name, _)| name.starts_with("asleep."));
-    assert!(asleep.flat_map(|(_, t)| &t.values[1..]).any(|v| *v > 0.0), "no Gaussian is asleep, so nothing is tested");
+    let culled = tensors.iter().filter(|(name, _)| name.starts_with("culled."));
+    assert!(culled.flat_map(|(_, t)| &t.values[1..]).any(|v| *v > 0.0), "no Gaussian is culled, so nothing is tested");
     train(root.path(), "parts", &more).arg("--resume").assert().success();
     assert!(newest_bytes(&parts) == newest_bytes(&root.path().join("whole")), "the resumed run has a different result");
 }

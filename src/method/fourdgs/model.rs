@@ -5,6 +5,7 @@ use crate::method::file::{self, ModelFile};
 use crate::model::params::{self, HostTensor};
 use crate::model::rendering::check_dilation;
 use crate::model::{Counts, Model, Rendering, SceneError};
+use crate::train::InPlace;
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
 use glam::DVec3;
@@ -101,8 +102,7 @@ impl Named {
 /// A scene of 4D Gaussians.
 #[derive(Debug)]
 pub(super) struct Scene4d {
-    /// `None` only while the optimiser holds it.
-    pub module: Option<Named>,
+    pub module: InPlace<Named>,
     pub spec: Spec,
     device: Device,
 }
@@ -114,7 +114,7 @@ impl Scene4d {
         tensors: &BTreeMap<String, HostTensor>,
         device: &Device,
     ) -> Result<Self, params::FitError> {
-        let module = Some(params::load(Named::one(&spec, device), tensors)?);
+        let module = InPlace::new(params::load(Named::one(&spec, device), tensors)?);
         Ok(Self { module, spec, device: device.clone() })
     }
 
@@ -139,16 +139,13 @@ impl Scene4d {
     }
 
     pub(super) fn gaussians(&self) -> &Gaussians4d {
-        match &self.module {
-            Some(module) => &module.gaussians,
-            None => unreachable!("the optimiser returns the Gaussians"),
-        }
+        &self.module.gaussians
     }
 
     /// Replaces the Gaussians.
     pub(super) fn replace(&mut self, tensors: &BTreeMap<String, HostTensor>) {
         match params::load(Named::one(&self.spec, &self.device), tensors) {
-            Ok(module) => self.module = Some(module),
+            Ok(module) => self.module = InPlace::new(module),
             Err(error) => unreachable!("rows of the Gaussians fit the Gaussians: {error}"),
         }
     }
@@ -180,10 +177,7 @@ impl Model for Scene4d {
     }
 
     fn parameters(&self) -> BTreeMap<String, HostTensor> {
-        match &self.module {
-            Some(module) => params::collect(module),
-            None => BTreeMap::new(),
-        }
+        params::collect(&*self.module)
     }
 
     fn save(&self, path: &Path) -> Result<(), SceneError> {

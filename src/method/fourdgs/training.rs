@@ -11,20 +11,19 @@ use crate::memory::Budget;
 use crate::model::params::{self, HostTensor, to_vec};
 use crate::model::{Model, Rendering};
 use crate::rng::{Purpose, Rng};
-use crate::train::budget::{Views, check_memory};
+use crate::train::budget::{ViewSizes, check_memory};
 use crate::train::check::{Background, check_device, parse_background};
 use crate::train::checkpoint::CheckpointError;
 use crate::train::densify::{self, Row, Statistics};
-use crate::train::due::{Changes, Due, Waiting, sorts_after};
-use crate::train::gather::{Gathered, View};
+use crate::train::due::{Changes, Due, PendingDensification, sorts_after};
+use crate::train::gather::{GatheredStatistics, ViewContribution};
 use crate::train::optimizer::{AdamConstants, Optimizer};
 use crate::train::schedule::{self, Stage};
 use crate::train::target::target;
 use crate::train::watch::LossWatch;
-use crate::train::{Saved, StepReport, StepTimes, TrainError, Training, evaluation_background, losses, spatial};
+use crate::train::{Saved, StepReport, StepTimes, TrainError, Training, evaluation_background, losses, spatial, timed};
 use burn::tensor::{Device, Gradients, Tensor};
 use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
 use volseggs_kernels::activation::logit;
 use volseggs_kernels::splat::{CovarianceInputs, splat_covariances};
 
@@ -39,11 +38,11 @@ pub(super) struct Fit {
     settings: FourDgsConfig,
     scene: Scene4d,
     optimizer: Optimizer,
-    statistics: Gathered,
+    statistics: GatheredStatistics,
     /// Sums of the absolute gradients with respect to peak times `[N]`, if they are needed.
     by_time: Option<Tensor<1>>,
     neighbours: Option<Neighbours>,
-    waiting: Waiting,
+    pending: PendingDensification,
     step: usize,
     initial: usize,
     extent: f64,
@@ -63,7 +62,7 @@ impl Fit {
         let images = &dataset.train.images;
         let size = [images.width as usize, images.height as usize];
         let runs_ahead = crate::device::runs_ahead(device);
-        check_memory(config, Views::of(&dataset.train), runs_ahead, Budget::now())?;
+        check_memory(config, ViewSizes::from_split(&dataset.train), runs_ahead, Budget::now())?;
         check_device(config, config.init.points, size, device)?;
         let shown = evaluation_background(&config.data.background)?;
         let device = device.clone().autodiff();
@@ -74,10 +73,10 @@ impl Fit {
         Ok(Self {
             scene,
             optimizer: Optimizer::new(constants),
-            statistics: Gathered::new(n, runs_ahead),
+            statistics: GatheredStatistics::new(n, runs_ahead),
             by_time: None,
             neighbours: None,
-            waiting: Waiting::default(),
+            pending: PendingDensification::default(),
             step: 0,
             initial: n,
             extent: dataset.scene_extent(),
@@ -143,8 +142,43 @@ impl Fit {
         statistics
     }
 
+    /// Returns the loss `[1]` of an image `[H, W, 4]`, with that of neighbours' velocities.
+    ///
+    /// # Errors
+    /// [`TrainError::NotFinite`] if it is not finite.
+    fn loss(
+        &mut self,
+        stage: Stage,
+        image: Tensor<3>,
+        target: Tensor<3>,
+        rigid: Option<Tensor<1>>,
+    ) -> Result<Tensor<1>, TrainError> {
+        let distance = losses::photometric(image.clone(), target.clone(), &self.config.loss);
+        let mut loss = distance.loss.mul_scalar(self.config.loss.weight as f32);
+        let dssim = stage.dssim_weight(&self.config);
+        if dssim > 0.0 {
+            loss = loss + losses::dssim(image, target).mul_scalar(dssim as f32);
+        }
+        if let Some(rigid) = rigid {
+            loss = loss + rigid;
+        }
+        self.watch.check(self.step, &loss, || distance.squared)?;
+        Ok(loss)
+    }
+
+    /// Counts the step, and prepares what follows it.
+    fn end_step(&mut self) {
+        let step = self.step;
+        self.step += 1;
+        self.pending.after_step();
+        if self.step == self.total_steps() && sorts_after(self.step, &self.config) {
+            self.sort(step);
+        }
+    }
+
     /// Applies what was due after the last step.
-    fn change(&mut self, changes: Changes) {
+    fn apply_pending(&mut self) {
+        let Some(changes) = self.pending.take(self.step, &self.config, self.initial) else { return };
         let Changes { step, due, sort } = changes;
         if due != Due::default() {
             self.densify(step, due);
@@ -219,72 +253,37 @@ impl Training for Fit {
     }
 
     fn step(&mut self, split: &Split) -> Result<StepReport, TrainError> {
-        let (step, mut times, mut clock) = (self.step, StepTimes::default(), Instant::now());
-        let mut lap = |slot: &mut Duration| {
-            let now = Instant::now();
-            *slot += now - clock;
-            clock = now;
-        };
-        if let Some(changes) = self.waiting.take(step, &self.config, self.initial) {
-            self.change(changes);
-        }
-        lap(&mut times.densify);
-        let stage = Stage::at(step, &self.config);
+        let (step, mut times) = (self.step, StepTimes::default());
+        timed(&mut times.densify, || self.apply_pending());
+        let stage = Stage::from_step(step, &self.config);
         self.raise_degrees(stage);
         let view = schedule::view(&self.config, step, split.frames.len());
         let frame = &split.frames[view];
         let background = self.background.colour(self.config.seed, step);
-        let target = target(split, view, background, &self.device, self.runs_ahead);
-        lap(&mut times.data);
-
-        let (at, rigid) = self.at(frame.time as f32);
+        let view_target = || target(split, view, background, &self.device, self.runs_ahead);
+        let target = timed(&mut times.data, view_target);
+        let (at, rigid) = timed(&mut times.deform, || self.at(frame.time as f32));
         let logits = at.opacity_logits.clone();
-        lap(&mut times.deform);
         let offsets = Tensor::<2>::zeros([self.scene.gaussians().count(), 2], &self.device).require_grad();
         let inputs = CovarianceInputs { screen_offsets: Some(offsets.clone()), ..at };
         let rendering = Rendering { background, ..self.scene.spec.rendering() };
-        let drawn = splat_covariances(inputs, rendering.seen_by(frame.camera.to_kernel()));
-        lap(&mut times.splat);
-
-        let distance = losses::photometric(drawn.image.clone(), target.clone(), &self.config.loss);
-        let mut loss = distance.loss.mul_scalar(self.config.loss.weight as f32);
-        let dssim = stage.dssim_weight(&self.config);
-        if dssim > 0.0 {
-            loss = loss + losses::dssim(drawn.image, target).mul_scalar(dssim as f32);
-        }
-        if let Some(rigid) = rigid {
-            loss = loss + rigid;
-        }
-        self.watch.look(step, &loss, || distance.squared)?;
-        lap(&mut times.loss);
-        let mut gradients = loss.backward();
-        lap(&mut times.backward);
-
-        self.note_by_time(&gradients);
-        self.statistics.add(View {
-            screen: offsets.grad_remove(&mut gradients),
-            radii: drawn.radii.inner(),
-            logits: logits.inner(),
-            size: [split.images.width as usize, split.images.height as usize],
+        let drawn = timed(&mut times.splat, || splat_covariances(inputs, rendering.seen_by(frame.camera.to_kernel())));
+        let loss = timed(&mut times.loss, || self.loss(stage, drawn.image, target, rigid))?;
+        let mut gradients = timed(&mut times.backward, || loss.backward());
+        timed(&mut times.densify, || {
+            self.note_by_time(&gradients);
+            self.statistics.add(ViewContribution {
+                screen: offsets.grad_remove(&mut gradients),
+                radii: drawn.radii.inner(),
+                logits: logits.inner(),
+                size: [split.images.width as usize, split.images.height as usize],
+            });
         });
-        lap(&mut times.densify);
-        // taken out, so that the optimiser is the only owner of the memory and can write in place
-        if let Some(module) = self.scene.module.take() {
-            let (settings, config, extent) = (&self.settings, &self.config, self.extent);
-            let (module, bad) =
-                self.optimizer.step(module, &mut gradients, |name| rate(name, stage, settings, config, extent));
-            self.scene.module = Some(module);
-            if let Some(bad) = bad {
-                return Err(TrainError::NotFinite { step, what: bad.to_string() });
-            }
-        }
-        lap(&mut times.adam);
-        self.step += 1;
-        self.waiting.after_step();
-        if self.step == self.total_steps() && sorts_after(self.step, &self.config) {
-            self.sort(step);
-        }
-        lap(&mut times.densify);
+        timed(&mut times.adam, || {
+            let rate = |name: &str| rate(name, stage, &self.settings, &self.config, self.extent);
+            self.optimizer.update(&mut self.scene.module, step, &mut gradients, rate)
+        })?;
+        timed(&mut times.densify, || self.end_step());
         let ((loss, psnr), primitives) = (self.watch.last(), self.scene.gaussians().count());
         Ok(StepReport { step, stage: "train", loss, psnr, primitives, times })
     }
@@ -297,7 +296,7 @@ impl Training for Fit {
         let mut tensors = self.optimizer.to_tensors();
         tensors.extend(self.statistics.to_host().into_tensors());
         tensors.extend(self.neighbours.iter().flat_map(Neighbours::to_tensors));
-        tensors.extend(self.waiting.to_tensors());
+        tensors.extend(self.pending.to_tensors());
         if let Some(sums) = &self.by_time {
             let values = to_vec(sums.clone());
             tensors.insert(BY_TIME.to_owned(), HostTensor { shape: vec![values.len()], values });
@@ -316,10 +315,10 @@ impl Training for Fit {
             Some(sums) if sums.len() != n => return Err(bad(format!("{BY_TIME} does not have {n} entries"))),
             sums => sums.map(|sums| Tensor::from_data(&sums[..], &inner)),
         };
-        self.optimizer.load(&from.state, &params::sizes(&scene.module), &inner).map_err(bad)?;
+        self.optimizer.load(&from.state, &params::sizes(&*scene.module), &inner).map_err(bad)?;
         self.statistics.replace(|_| statistics);
         (self.scene, self.neighbours) = (scene, neighbours);
-        self.waiting = Waiting::load(&from.state);
+        self.pending = PendingDensification::load(&from.state);
         (self.step, self.initial) = (from.step, from.first_primitives);
         Ok(())
     }

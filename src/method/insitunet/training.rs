@@ -20,12 +20,11 @@ use crate::rng::{Purpose, Rng};
 use crate::train::checkpoint::CheckpointError;
 use crate::train::optimizer::AdamConstants;
 use crate::train::watch::LossWatch;
-use crate::train::{Saved, StepReport, StepTimes, TrainError, Training, evaluation_background};
+use crate::train::{Saved, StepReport, StepTimes, TrainError, Training, evaluation_background, timed};
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::time::Instant;
 
 /// Prefix of the names of the discriminator's tensors in a checkpoint.
 const CRITIC: &str = "discriminator.";
@@ -158,23 +157,20 @@ impl Training for InSituNetTraining {
     }
 
     fn step(&mut self, split: &Split) -> Result<StepReport, TrainError> {
-        let (mut times, mut clock) = (StepTimes::default(), Instant::now());
-        let mut lap = || std::mem::replace(&mut clock, Instant::now()).elapsed();
-        let (inputs, truth) = self.batch(split);
-        times.data = lap();
+        let mut times = StepTimes::default();
+        let (inputs, truth) = timed(&mut times.data, || self.batch(split));
         let mut seen: Vec<Moments> = Vec::new();
-        let made = self.learner.module().generator.forward(inputs.clone(), Some(&mut seen));
-        times.deform = lap();
-        self.judge(&truth, &made, &inputs)?;
-        let [loss, squared] = self.loss(truth, made, inputs);
-        self.watch.look(self.step, &loss, || squared)?;
-        times.loss = lap();
-        let mut gradients = loss.backward();
-        times.backward = lap();
+        let forward = || self.learner.module().generator.forward(inputs.clone(), Some(&mut seen));
+        let made = timed(&mut times.deform, forward);
+        let loss = timed(&mut times.loss, || {
+            self.judge(&truth, &made, &inputs)?;
+            let [loss, squared] = self.loss(truth, made, inputs);
+            self.watch.check(self.step, &loss, || squared).map(|()| loss)
+        })?;
+        let mut gradients = timed(&mut times.backward, || loss.backward());
         let rate = self.spec().config.rate;
-        self.learner.update(self.step, &mut gradients, |_| Some(rate))?;
-        self.learner.change(|model| model.generator.renew(seen));
-        times.adam = lap();
+        timed(&mut times.adam, || self.learner.update(self.step, &mut gradients, |_| Some(rate)))?;
+        timed(&mut times.adam, || self.learner.change(|model| model.generator.renew(seen)));
         let step = self.step;
         self.step += 1;
         let (loss, psnr) = self.watch.last();

@@ -14,7 +14,7 @@ use crate::model::Model;
 use crate::model::params::{HostTensor, to_vec};
 use crate::train::checkpoint::CheckpointError;
 use crate::train::watch::LossWatch;
-use crate::train::{Saved, StepReport, StepTimes, TrainError, Training, evaluation_background};
+use crate::train::{Saved, StepReport, StepTimes, TrainError, Training, evaluation_background, timed};
 use burn::tensor::{Device, Tensor, TensorData};
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -84,7 +84,7 @@ impl VisNerfTraining {
 
     /// The colours of the rays of a batch, `[R, 3]`; `None` if no ray has a sample.
     fn see(&self, batch: &Batch, times: &mut StepTimes) -> Option<Tensor<2>> {
-        let clock = Instant::now();
+        let began = Instant::now();
         let model = self.learner.module();
         let (network, spec) = (&model.network, &model.spec);
         let points = &batch.samples.points;
@@ -106,12 +106,33 @@ impl VisNerfTraining {
         let directions: Vec<f32> = chosen.iter().flat_map(|s| batch.rays[of_samples[*s]].direction).collect();
         let at = batch.times(chosen.iter().map(|s| of_samples[*s]), &self.device);
         let colours = network.colours(&places, &directions, &at, &self.device);
-        times.deform += clock.elapsed();
-        let clock = Instant::now();
+        times.deform += began.elapsed();
         let rays = RaySamples::new(&batch.samples.offsets, &coloured);
-        let seen = composite(depths, colours, &rays, spec.background);
-        times.splat += clock.elapsed();
+        let seen = timed(&mut times.splat, || composite(depths, colours, &rays, spec.background));
         Some(seen.slice([0..batch.rays.len(), 0..3]))
+    }
+
+    /// Returns the loss `[1]` of the colours `[R, 3]` seen along the rays of a batch; `None` if there is nothing to learn.
+    ///
+    /// # Errors
+    /// [`TrainError::NotFinite`] if it is not finite.
+    fn loss(&mut self, seen: Option<Tensor<2>>, batch: Batch) -> Result<Option<Tensor<1>>, TrainError> {
+        let (settings, [_, smoothness]) = (self.settings(), self.decays());
+        let weights = Weights {
+            sparsity: settings.sparsity,
+            tv: settings.tv * smoothness,
+            tv_time: settings.tv_time * smoothness,
+        };
+        // if no ray has a sample, images show only the background whatever is learnt
+        let difference = seen.map(|seen| {
+            let colours = TensorData::new(batch.colours, [batch.rays.len(), 3]);
+            (seen - Tensor::from_data(colours, &self.device)).square().mean()
+        });
+        let prior = regularisers(&self.learner.module().network, weights);
+        let Some(loss) = difference.iter().chain(&prior).cloned().reduce(|a, b| a + b) else { return Ok(None) };
+        let squared = || difference.map_or_else(|| Tensor::zeros([1], &self.device), Tensor::detach);
+        self.watch.check(self.step, &loss, squared)?;
+        Ok(Some(loss))
     }
 }
 
@@ -125,39 +146,21 @@ impl Training for VisNerfTraining {
     }
 
     fn step(&mut self, split: &Split) -> Result<StepReport, TrainError> {
-        let (mut times, mut clock) = (StepTimes::default(), Instant::now());
-        let mut lap = || std::mem::replace(&mut clock, Instant::now()).elapsed();
-        self.prepare();
-        let batch = Batch::draw(self.learner.module(), split, &self.pixels, self.step, self.seed);
-        times.data = lap();
-        let seen = self.see(&batch, &mut times);
-        lap();
-        let settings = self.settings().clone();
-        let [rates, smoothness] = self.decays();
-        let weights = Weights {
-            sparsity: settings.sparsity,
-            tv: settings.tv * smoothness,
-            tv_time: settings.tv_time * smoothness,
-        };
-        // if no ray has a sample, images show only the background whatever is learnt
-        let difference = seen.map(|seen| {
-            let colours = TensorData::new(batch.colours, [batch.rays.len(), 3]);
-            (seen - Tensor::from_data(colours, &self.device)).square().mean()
+        let mut times = StepTimes::default();
+        let batch = timed(&mut times.data, || {
+            self.prepare();
+            Batch::draw(self.learner.module(), split, &self.pixels, self.step, self.seed)
         });
-        let prior = regularisers(&self.learner.module().network, weights);
-        let terms = difference.iter().chain(&prior).cloned();
-        if let Some(loss) = terms.reduce(|a, b| a + b) {
-            let squared = || difference.map_or_else(|| Tensor::zeros([1], &self.device), Tensor::detach);
-            self.watch.look(self.step, &loss, squared)?;
-            times.loss = lap();
-            let mut gradients = loss.backward();
-            times.backward = lap();
+        let seen = self.see(&batch, &mut times);
+        if let Some(loss) = timed(&mut times.loss, || self.loss(seen, batch))? {
+            let mut gradients = timed(&mut times.backward, || loss.backward());
+            let ([rates, _], settings) = (self.decays(), self.settings());
+            let [of_grid, of_network] = [rates * settings.rate_grid, rates * settings.rate_network];
             let rate = |name: &str| {
                 let is_grid = ["planes", "lines", "times"].iter().any(|part| name.ends_with(part));
-                Some(rates * if is_grid { settings.rate_grid } else { settings.rate_network })
+                Some(if is_grid { of_grid } else { of_network })
             };
-            self.learner.update(self.step, &mut gradients, rate)?;
-            times.adam = lap();
+            timed(&mut times.adam, || self.learner.update(self.step, &mut gradients, rate))?;
         }
         let step = self.step;
         self.step += 1;

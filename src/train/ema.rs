@@ -1,4 +1,4 @@
-//! Moving average of a scene's parameters, shown and saved in place of the state after the last step.
+//! Exponential moving average (EMA) of a scene's parameters, shown and saved in place of the state after the last step.
 //!
 //! Each step sees one view and moves the parameters towards it; their mean over the last steps is closer to what suits
 //! all views (Polyak and Juditsky 1992). Steps continue from the parameters themselves, so the average changes none of
@@ -12,31 +12,31 @@ use burn::tensor::Tensor;
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 
-/// Steps between two looks at the parameters.
+/// Steps between two updates.
 const EVERY: usize = 10;
-/// The average reaches back over at most one in this many of the steps since it began, so that early in a training it
+/// During warm-up, the window is one in this many of the steps since the average began, so that early in a training it
 /// does not lag behind.
-const SHARE: usize = 10;
-/// Bounds of the reach in steps: two looks, and what a checkpoint counts exactly.
-pub(super) const REACH: RangeInclusive<usize> = 2 * EVERY..=1_000_000;
+const WARMUP_DIVISOR: usize = 10;
+/// Bounds of the window in steps: two updates, and what a checkpoint counts exactly.
+pub(super) const WINDOWS: RangeInclusive<usize> = 2 * EVERY..=1_000_000;
 /// Prefix, in a checkpoint, of the parameters that steps continue from.
 const TRAINED: &str = "trained.";
-/// Key, in a checkpoint, of the number of looks in the average.
-const LOOKS: &str = "average.looks";
+/// Key, in a checkpoint, of the number of updates of the average.
+const UPDATES: &str = "average.updates";
 
-/// The average, empty before the first look.
+/// The average, empty before the first update.
 #[derive(Debug)]
-pub(super) struct Average {
-    /// Steps that it reaches back; 0 disables it.
-    reach: usize,
-    /// The mean, without gradients, and the number of looks in it, counted only as far as it matters.
+pub(super) struct Ema {
+    /// Steps in which the weight of earlier parameters falls by a factor of e; 0 disables the average.
+    window: usize,
+    /// The mean, without gradients, and the number of its updates, counted only until the window has its full size.
     mean: Option<(Scene, usize)>,
 }
 
-impl Average {
-    /// Returns an empty average over `reach` steps; 0 disables it.
-    pub(super) fn new(reach: usize) -> Self {
-        Self { reach, mean: None }
+impl Ema {
+    /// Returns an empty average with a window of `window` steps; 0 disables it.
+    pub(super) fn new(window: usize) -> Self {
+        Self { window, mean: None }
     }
 
     /// The average, if there is one.
@@ -49,24 +49,23 @@ impl Average {
         self.mean = None;
     }
 
-    /// Looks at the parameters after `steps` steps, if a look is due. The weight of older looks falls by a factor of e
-    /// in `reach` steps, or in a tenth of the steps since the average began while that is fewer.
-    pub(super) fn look(&mut self, steps: usize, trained: &Scene) {
-        if self.reach == 0 || !steps.is_multiple_of(EVERY) {
+    /// Moves the average towards the parameters after `steps` steps, if an update is due.
+    pub(super) fn update(&mut self, steps: usize, trained: &Scene) {
+        if self.window == 0 || !steps.is_multiple_of(EVERY) {
             return;
         }
         let trained = trained.valid();
-        let Some((mean, looks)) = self.mean.take() else {
+        let Some((mean, updates)) = self.mean.take() else {
             self.mean = Some((trained, 1));
             return;
         };
-        let looks = (looks + 1).min(SHARE * self.reach.div_ceil(EVERY));
+        let updates = (updates + 1).min(WARMUP_DIVISOR * self.window.div_ceil(EVERY));
+        let weight = 1.0 / updates.div_ceil(WARMUP_DIVISOR) as f32;
         let spec = trained.spec.clone();
-        let mut blend =
-            Blend { path: Path::default(), values: handles(&trained), weight: 1.0 / looks.div_ceil(SHARE) as f32 };
+        let mut blend = Blend { path: Path::default(), values: handles(&trained), weight };
         drop(trained);
         let mean = Module::map(mean, &mut blend);
-        self.mean = Some((Scene { spec, ..mean }, looks));
+        self.mean = Some((Scene { spec, ..mean }, updates));
     }
 
     /// Reorders its Gaussians by `rows`, which keep all of them.
@@ -80,24 +79,24 @@ impl Average {
 
     /// Returns what a checkpoint needs besides the average itself, which is its model; empty if there is no average.
     pub(super) fn to_tensors(&self, trained: &Scene) -> BTreeMap<String, HostTensor> {
-        let Some((_, looks)) = &self.mean else { return BTreeMap::new() };
+        let Some((_, updates)) = &self.mean else { return BTreeMap::new() };
         let own = params::collect(trained).into_iter().map(|(name, tensor)| (format!("{TRAINED}{name}"), tensor));
-        own.chain([(LOOKS.to_owned(), HostTensor { shape: vec![1], values: vec![*looks as f32] })]).collect()
+        own.chain([(UPDATES.to_owned(), HostTensor { shape: vec![1], values: vec![*updates as f32] })]).collect()
     }
 
-    /// Restores what [`Average::to_tensors`] returned, where `model` is the model of the checkpoint, and returns the
+    /// Restores what [`Ema::to_tensors`] returned, where `model` is the model of the checkpoint, and returns the
     /// scene that steps continue from.
     ///
     /// # Errors
     /// A message naming a tensor that does not fit.
     pub(super) fn load(&mut self, model: Scene, tensors: &BTreeMap<String, HostTensor>) -> Result<Scene, String> {
         self.mean = None;
-        let Some(looks) = tensors.get(LOOKS) else { return Ok(model) };
-        let [looks] = looks.values[..] else {
-            return Err(format!("{LOOKS} has {} values, expected 1", looks.values.len()));
+        let Some(updates) = tensors.get(UPDATES) else { return Ok(model) };
+        let [updates] = updates.values[..] else {
+            return Err(format!("{UPDATES} has {} values, expected 1", updates.values.len()));
         };
-        if !(1.0..=*REACH.end() as f32).contains(&looks) || looks.fract() != 0.0 {
-            return Err(format!("{LOOKS} is not a number of looks"));
+        if !(1.0..=*WINDOWS.end() as f32).contains(&updates) || updates.fract() != 0.0 {
+            return Err(format!("{UPDATES} is not a number of updates"));
         }
         let mut own = BTreeMap::new();
         for (name, size) in params::sizes(&model) {
@@ -113,7 +112,7 @@ impl Average {
         }
         let trained = params::load(model.clone(), &own).map_err(|e| format!("{TRAINED}*: {e}"))?;
         // a run may be resumed without its average
-        self.mean = (self.reach > 0).then(|| (model.valid(), looks as usize));
+        self.mean = (self.window > 0).then(|| (model.valid(), updates as usize));
         Ok(trained)
     }
 }
@@ -185,52 +184,52 @@ mod tests {
     }
 
     #[test]
-    fn it_reaches_back_a_tenth_of_the_steps_up_to_the_given_reach() {
+    fn its_window_is_a_tenth_of_the_steps_up_to_the_given_window() {
         let start = scene();
-        let mut average = Average::new(40);
+        let mut average = Ema::new(40);
         for steps in 1..10 {
-            average.look(steps, &start);
+            average.update(steps, &start);
         }
-        assert!(average.scene().is_none(), "it looks once in ten steps");
+        assert!(average.scene().is_none(), "it is updated once in ten steps");
         let mut expected = 0.0;
         for i in 0..50 {
-            average.look(10 * (i + 1), &moved(&start, i as f32));
-            let reach = match i {
+            average.update(10 * (i + 1), &moved(&start, i as f32));
+            let window = match i {
                 0..10 => 1.0,
                 10..20 => 2.0,
                 20..30 => 3.0,
                 _ => 4.0,
             };
-            expected += (i as f32 - expected) / reach;
-            assert!((difference(average.scene().unwrap(), &start) - expected).abs() < 1e-4, "look {i}");
+            expected += (i as f32 - expected) / window;
+            assert!((difference(average.scene().unwrap(), &start) - expected).abs() < 1e-4, "update {i}");
         }
         average.clear();
         assert!(average.scene().is_none());
-        let mut none = Average::new(0);
-        none.look(10, &start);
+        let mut none = Ema::new(0);
+        none.update(10, &start);
         assert!(none.scene().is_none() && none.to_tensors(&start).is_empty());
     }
 
     #[test]
     fn it_is_restored_from_a_checkpoint_and_invalid_tensors_are_named() {
         let start = scene();
-        let mut average = Average::new(1000);
-        (1..15).for_each(|i| average.look(10 * i, &moved(&start, i as f32)));
+        let mut average = Ema::new(1000);
+        (1..15).for_each(|i| average.update(10 * i, &moved(&start, i as f32)));
         let trained = moved(&start, 5.0);
         let tensors = average.to_tensors(&trained);
-        let mut again = Average::new(1000);
+        let mut again = Ema::new(1000);
         let back = again.load(average.scene().unwrap().clone(), &tensors).unwrap();
         assert_eq!(params::collect(&back), params::collect(&trained));
         for a in [&mut average, &mut again] {
-            a.look(150, &trained);
+            a.update(150, &trained);
         }
         assert_eq!(params::collect(again.scene().unwrap()), params::collect(average.scene().unwrap()));
 
         let poison = [f32::NAN].repeat(tensors["trained.gaussians.means"].values.len());
         for (name, values) in [
-            (LOOKS, vec![0.5]),
-            (LOOKS, vec![f32::NAN]),
-            (LOOKS, vec![]),
+            (UPDATES, vec![0.5]),
+            (UPDATES, vec![f32::NAN]),
+            (UPDATES, vec![]),
             ("trained.gaussians.sh", vec![0.0; 3]),
             ("trained.gaussians.means", poison),
         ] {
@@ -243,7 +242,7 @@ mod tests {
         let mut less = tensors.clone();
         less.remove("trained.gaussians.rotations");
         assert!(again.load(start.clone(), &less).unwrap_err().contains("trained.gaussians.rotations is missing"));
-        let mut without = Average::new(0);
+        let mut without = Ema::new(0);
         assert_eq!(params::collect(&without.load(start.clone(), &tensors).unwrap()), params::collect(&trained));
         assert!(without.scene().is_none(), "a run may continue without its average");
         assert_eq!(params::collect(&again.load(start.clone(), &BTreeMap::new()).unwrap()), params::collect(&start));
@@ -252,8 +251,8 @@ mod tests {
     #[test]
     fn it_follows_the_order_of_the_gaussians() {
         let start = scene();
-        let mut average = Average::new(100);
-        average.look(10, &start);
+        let mut average = Ema::new(100);
+        average.update(10, &start);
         let n = start.gaussians.count();
         let rows: Vec<Row> = (0..n).rev().map(Row::Keep).collect();
         average.rearrange(&rows);
