@@ -13,6 +13,7 @@
 use super::DataError;
 use super::transforms::read_text;
 use crate::versioned;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::Path;
@@ -21,7 +22,7 @@ use std::path::Path;
 pub const PREPARED: &str = "prepare.json";
 
 /// Which way the axes x, y, z of physical space point; all are right-handed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum AxisConvention {
     /// Towards a patient's left, back and head (DICOM, ITK, 3D Slicer's files).
@@ -62,7 +63,7 @@ impl fmt::Display for AxisConvention {
 }
 
 /// The physical space of a scene.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PhysicalSpace {
     /// The physical position of the scene's origin, in `unit`.
     pub centre: [f64; 3],
@@ -97,7 +98,7 @@ impl PhysicalSpace {
 }
 
 /// The physical time of a scene.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PhysicalTime {
     /// Time of the first step, in `unit`.
     pub start: f64,
@@ -130,7 +131,7 @@ impl PhysicalTime {
 }
 
 /// Physical space and time of a scene. Written by `prepare` into `prepare.json`, kept by training in `run.json`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Calibration {
     /// Physical space; `None` where it is unknown, so that lengths are normalised.
     #[serde(default, skip_serializing_if = "Option::is_none")]

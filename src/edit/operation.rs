@@ -2,6 +2,7 @@
 
 use super::error::EditError;
 use crate::data::Calibration;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -15,7 +16,7 @@ pub const SCALES: RangeInclusive<f32> = 1e-6..=1e6;
 /// What is done to the named segments.
 ///
 /// In JSON a variant is written as `{"opacity": {"factor": 0.5}}`, one without values as `"hide"`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Operation {
     /// Gives each segment a colour.
@@ -71,7 +72,7 @@ pub enum Operation {
 /// One operation on named segments, undone as one step.
 ///
 /// A Gaussian in several of the named segments is edited once, as part of the first that contains it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Edit {
     /// Names of segments, at least one.

@@ -10,6 +10,7 @@ use crate::export::images::to_rgb8;
 use crate::memory::{Budget, product};
 use glam::DVec3;
 use image::RgbImage;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::fmt;
 
@@ -52,7 +53,7 @@ impl fmt::Display for ViewChoice {
 }
 
 /// Camera pose and time of a view of the dataset.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, JsonSchema)]
 pub struct Placed {
     /// Position of the camera, scene units.
     pub eye: [f64; 3],

@@ -11,6 +11,7 @@ use super::view::{View, check_pose};
 use super::{OpenRun, RunError};
 use crate::words::plain;
 use glam::{DMat3, DQuat, DVec3};
+use schemars::JsonSchema;
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -23,7 +24,7 @@ const MAX_KEYS: usize = 150;
 const MAX_SECONDS: f64 = 24.0 * 3600.0;
 
 /// A camera and the scene time it shows, at a moment of the path.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Key {
     /// Moment on the path, seconds.
@@ -215,7 +216,7 @@ fn spans(keys: &[Key]) -> Vec<f64> {
 }
 
 /// A camera path as stored in a file.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct SavedPath {
     /// What is shown along the path; its own camera and time are not those of any frame.
     #[serde(flatten)]

@@ -13,6 +13,7 @@ use crate::versioned::{self, FORMAT};
 use crate::words::plain;
 use burn::tensor::Device;
 use flate2::Crc;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::fmt::Display;
@@ -29,7 +30,7 @@ pub const KEYWORD: &str = "volseggs view";
 const PNG: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
 
 /// A view and its origin.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SavedView {
     /// Version of the format, [`FORMAT`].

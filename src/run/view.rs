@@ -7,13 +7,14 @@ use super::selection::Selection;
 use super::{OpenRun, RunError};
 use crate::data::Camera;
 use glam::DVec3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Largest side of a picture, pixels.
 const MAX_SIDE: u32 = 4096;
 
 /// What a picture shows.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct View {
     /// Position of the camera, scene units.

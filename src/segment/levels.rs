@@ -15,6 +15,7 @@
 
 use super::candidates::{Candidates, SMALL, total};
 use super::pick::PickError;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Mask scales at which plateaus are sought.
@@ -40,8 +41,9 @@ const REST_EXPONENT: f64 = 0.3;
 const PIECES: usize = 8;
 
 /// What makes Gaussians one level.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
+#[schemars(rename = "LevelKind")]
 pub enum Kind {
     /// Their affinity with the clicked one.
     #[default]

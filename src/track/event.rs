@@ -1,5 +1,6 @@
 //! Input and output types of event detection: frames, settings, events, tracks. How events are found is in `events`.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// The Gaussians of one segment at one time; every frame lists the same Gaussians in the same order.
@@ -32,7 +33,7 @@ impl Default for EventConfig {
 }
 
 /// What happened.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EventKind {
     /// A component appears (1 child).

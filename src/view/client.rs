@@ -5,7 +5,7 @@ use super::compare::{Compare, Side};
 use super::gizmo::Preview;
 use super::hub::Outgoing;
 use super::pace::Pace;
-use super::protocol::{Answer, Asked, Combine, LevelOffer, Selected, View};
+use super::protocol::{Answer, Combine, LevelOffer, RequestedGranularity, Selected, View};
 use super::workspace::Workspace;
 use crate::name::Name;
 use crate::run::RunError;
@@ -151,7 +151,7 @@ impl Client {
     pub fn look(&mut self, space: &Workspace, view: &View, side: Side) -> Result<(&mut Look, String), RunError> {
         let run = side.run();
         let key = format!("{}{}", shown(view, side), space.revision());
-        let found = &mut self.looks[side.place()];
+        let found = &mut self.looks[side.index()];
         if found.as_ref().is_none_or(|(k, _)| *k != key) {
             let view = usable(space, view);
             let look = if run.is_some() { view.look_of_another(&space.run) } else { view.look(&space.run) };
@@ -161,7 +161,7 @@ impl Client {
             Some((_, look)) => {
                 // the look stays while a handle is dragged: it holds what every step of the drag starts from
                 let preview = self.preview.as_ref().filter(|_| side == Side::Picture);
-                let preview = Preview::on(preview, space.revision());
+                let preview = Preview::edits_on(preview, space.revision());
                 let key = if preview.is_empty() { key } else { format!("{key} {preview:?}") };
                 look.preview(&space.run, preview)?;
                 Ok((look, key))
@@ -172,7 +172,7 @@ impl Client {
 
     /// Returns `prepared`, made for the look under `key`, with the selection highlighted; another run has none.
     pub fn highlighted(&mut self, key: &str, prepared: Prepared, side: Side, device: &Device) -> Prepared {
-        let which = side.place();
+        let which = side.index();
         let clicked = self.clicked.as_ref().filter(|_| side.run().is_none());
         let Some(members) = clicked.map(|(_, c)| &c.picked.members) else { return prepared };
         let Some((_, look)) = self.looks[which].as_ref().filter(|_| !members.is_empty()) else { return prepared };
@@ -235,7 +235,7 @@ impl Client {
         id: u32,
         pixel: [u32; 2],
         within: Option<&str>,
-        (meaning, combine): (Option<Asked>, Combine),
+        (meaning, combine): (Option<RequestedGranularity>, Combine),
     ) -> Result<Selected, ClickError> {
         let view = self.view.clone().ok_or_else(|| RunError::input("nothing is shown yet"))?;
         let started = Instant::now();
@@ -260,7 +260,12 @@ impl Client {
     ///
     /// # Errors
     /// If there was none.
-    pub fn adjust(&mut self, space: &Workspace, id: u32, meaning: Option<Asked>) -> Result<Selected, ClickError> {
+    pub fn adjust(
+        &mut self,
+        space: &Workspace,
+        id: u32,
+        meaning: Option<RequestedGranularity>,
+    ) -> Result<Selected, ClickError> {
         let Some((_, Clicked { hit, time, before, .. })) = &self.clicked else {
             return Err(RunError::input("click on something first").into());
         };
@@ -276,15 +281,18 @@ impl Client {
         hit: Hit,
         time: f64,
         before: (Vec<u32>, Combine),
-        meaning: Option<Asked>,
+        meaning: Option<RequestedGranularity>,
         started: Instant,
     ) -> Result<Selected, ClickError> {
         let Some(clicking) = self.clicks.as_ref().and_then(Clicks::last) else { return Err(ClickError::NoField) };
         // a slider asks again and again: the levels at the click stay the same
-        let known =
-            self.clicked.as_ref().map(|(_, c)| &c.picked.levels).filter(|_| matches!(meaning, Some(Asked::By { .. })));
+        let known = self
+            .clicked
+            .as_ref()
+            .map(|(_, c)| &c.picked.levels)
+            .filter(|_| matches!(meaning, Some(RequestedGranularity::By { .. })));
         let list = known.is_none();
-        let options = PickOptions { meaning: meaning.map_or(Meaning::Likeliest, of), keep_strays: false, list };
+        let options = PickOptions { meaning: meaning.map_or(Meaning::Likeliest, Into::into), keep_strays: false, list };
         let mut picked = clicking.select(&hit, &options)?;
         if let Some(levels) = known {
             picked.levels.clone_from(levels);
@@ -315,10 +323,12 @@ fn usable(space: &Workspace, view: &View) -> View {
     }
 }
 
-fn of(asked: Asked) -> Meaning {
-    match asked {
-        Asked::Level(n) => Meaning::Level(n.get() - 1),
-        Asked::By { scale, threshold } => Meaning::By { scale, threshold },
+impl From<RequestedGranularity> for Meaning {
+    fn from(requested: RequestedGranularity) -> Self {
+        match requested {
+            RequestedGranularity::Level(n) => Self::Level(n.get() - 1),
+            RequestedGranularity::By { scale, threshold } => Self::By { scale, threshold },
+        }
     }
 }
 

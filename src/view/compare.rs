@@ -1,6 +1,7 @@
 //! What a picture is compared with: a second one from the same camera, or an image of the dataset.
 
 use super::protocol::View;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// Which of the two pictures of a client.
@@ -17,7 +18,7 @@ pub enum Side {
 impl Side {
     /// Returns 0 for the picture, 1 for the one beside it.
     #[must_use]
-    pub fn place(self) -> usize {
+    pub fn index(self) -> usize {
         usize::from(self != Self::Picture)
     }
 
@@ -32,7 +33,7 @@ impl Side {
 }
 
 /// What a picture is compared with.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, JsonSchema)]
 #[serde(tag = "with", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Compare {
     /// The dataset's image of this test view, from 0.

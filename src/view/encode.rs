@@ -58,13 +58,13 @@ impl Picture {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::view::protocol::Kind;
+    use crate::view::protocol::FrameKind;
 
     #[test]
     fn a_lossless_picture_equals_the_file_and_a_jpeg_is_smaller() {
         let rgb = RgbImage::from_fn(64, 48, |x, y| image::Rgb([(3 * x) as u8, (5 * y) as u8, (x * y) as u8]));
         let (number, revision, time, render_ms, encode_ms) = (3, 1, 0.5, 2.0, 0.0);
-        let (kind, codec, size) = (Kind::Picture, Codec::Png, [0; 2]);
+        let (kind, codec, size) = (FrameKind::Picture, Codec::Png, [0; 2]);
         let info = FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms };
         let (sent, png) = Picture::new(info, rgb.clone(), None).encode().unwrap();
         assert_eq!((sent.codec, sent.size, sent.number), (Codec::Png, [64, 48], 3));

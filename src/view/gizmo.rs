@@ -1,6 +1,7 @@
 //! Support for handles on the picture: edits that are shown while a handle is dragged, before anything is saved.
 
 use crate::edit::Edit;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// Maximum number of edits that a client may have shown at once.
@@ -9,7 +10,7 @@ const MAX_EDITS: usize = 8;
 const MAX_SEGMENTS: usize = 1000;
 
 /// Unsaved edits that are shown after those of the run.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Preview {
     /// Revision of the document that they belong to. They are not shown on any other, so that they are not applied
@@ -33,7 +34,7 @@ impl Preview {
 
     /// Returns the edits to show on the document of `revision`.
     #[must_use]
-    pub fn on(preview: Option<&Self>, revision: u64) -> Vec<Edit> {
+    pub fn edits_on(preview: Option<&Self>, revision: u64) -> Vec<Edit> {
         preview.filter(|p| p.base == revision).map(|p| p.edits.clone()).unwrap_or_default()
     }
 }

@@ -36,11 +36,11 @@ impl Outgoing {
 #[derive(Debug)]
 pub enum Event {
     /// It connected; its answers go there.
-    Came(Sender<Outgoing>),
+    Connected(Sender<Outgoing>),
     /// It sent a request.
-    Said(Box<Request>),
+    Message(Box<Request>),
     /// It left.
-    Left,
+    Disconnected,
 }
 
 #[derive(Debug, Default)]
@@ -54,14 +54,14 @@ struct Inbox {
 #[derive(Debug, Default)]
 pub struct Hub {
     inbox: Mutex<Inbox>,
-    news: Condvar,
+    condvar: Condvar,
 }
 
 impl Hub {
     /// Adds an event of a client.
-    pub fn tell(&self, client: ClientId, event: Event) {
+    pub fn push(&self, client: ClientId, event: Event) {
         self.inbox().events.push_back((client, event));
-        self.news.notify_one();
+        self.condvar.notify_one();
     }
 
     /// Whether so many events wait that clients must be slowed down.
@@ -73,13 +73,13 @@ impl Hub {
     /// Wakes the drawing thread without an event.
     pub fn wake(&self) {
         self.inbox().woken = true;
-        self.news.notify_one();
+        self.condvar.notify_one();
     }
 
     /// Ends the drawing thread.
     pub fn stop(&self) {
         self.inbox().stop = true;
-        self.news.notify_all();
+        self.condvar.notify_all();
     }
 
     /// Returns all events since the last call; if there are none, waits until `until`, for at most half a second.
@@ -89,7 +89,7 @@ impl Hub {
         let max_wait = Duration::from_millis(500);
         let wait = until.map_or(max_wait, |until| until.saturating_duration_since(Instant::now()).min(max_wait));
         if inbox.events.is_empty() && !inbox.stop && !inbox.woken && !wait.is_zero() {
-            inbox = self.news.wait_timeout(inbox, wait).unwrap_or_else(PoisonError::into_inner).0;
+            inbox = self.condvar.wait_timeout(inbox, wait).unwrap_or_else(PoisonError::into_inner).0;
         }
         inbox.woken = false;
         if inbox.stop { None } else { Some(inbox.events.drain(..).collect()) }

@@ -9,6 +9,7 @@ use crate::run::OpenRun;
 use crate::train::observer::{Next, Observer, RunProgress};
 use crate::train::run::RunRecord;
 use burn::tensor::Device;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -23,7 +24,7 @@ const COPY_TIME_FACTOR: u32 = 60;
 const PACE: f64 = 3.0;
 
 /// Progress of the training.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Progress {
     /// Steps taken.
     pub steps: usize,
@@ -52,7 +53,7 @@ pub struct SceneCopy {
 }
 
 impl SceneCopy {
-    fn of(now: &RunProgress<'_>, scene: &Scene) -> Self {
+    fn new(now: &RunProgress<'_>, scene: &Scene) -> Self {
         Self { step: now.steps, spec: scene.spec.clone(), tensors: collect(scene) }
     }
 
@@ -160,7 +161,7 @@ impl Live {
 
     /// Whether something is to be sent at once; resets this.
     #[must_use]
-    pub fn news(&self) -> bool {
+    pub fn has_news(&self) -> bool {
         std::mem::take(&mut self.lock().news)
     }
 
@@ -209,7 +210,7 @@ impl<'a> Onlooker<'a> {
     /// Leaves the run with the scene before the first step.
     fn begin(&mut self, now: &RunProgress<'_>, scene: &Scene) {
         let (path, record, config) = (now.run.to_owned(), now.record.clone(), now.config.clone());
-        self.live.lock().run = Some(Begun { path, record, config, copy: SceneCopy::of(now, scene) });
+        self.live.lock().run = Some(Begun { path, record, config, copy: SceneCopy::new(now, scene) });
         self.live.begins.notify_all();
         (self.copied, self.since) = (Some(now.steps), (now.seconds, now.steps));
         if let Some(ready) = self.ready.take() {
@@ -242,7 +243,7 @@ impl Observer for Onlooker<'_> {
         let due = if rests { wish >= Wish::AtRest } else { wish == Wish::Now && Instant::now() >= self.next };
         let copy = (due && self.copied != Some(now.steps)).then(|| {
             let began = Instant::now();
-            let copy = SceneCopy::of(now, scene);
+            let copy = SceneCopy::new(now, scene);
             self.copied = Some(now.steps);
             self.next = Instant::now() + PERIOD.max(COPY_TIME_FACTOR * began.elapsed());
             copy

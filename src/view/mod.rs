@@ -4,13 +4,14 @@
 //! [`server`] admits clients ([`auth`]) and passes on what they send ([`protocol`]). [`render`] is the one thread that
 //! owns the run ([`workspace`]) and those that it is compared with ([`others`]), answers, and draws, at the [`pace`] of
 //! each [`client`]. The [`cache`] holds recently deformed Gaussians, and pictures are [`encode`]d where they are sent.
-//! Runs are changed by [`crate::run`], as by the commands; what takes long is done by [`slow`], [`jobs`] and
+//! Runs are changed by [`crate::run`], as by the commands; what takes long is done by [`background`], [`jobs`] and
 //! [`tracks`], on other threads.
 //!
 //! [`serve`] shows a run folder. [`beside`] shows a run while this process trains it: the trainer leaves copies of the
 //! scene with [`live`], and [`share`] limits drawing to a small part of the machine.
 
 pub mod auth;
+pub mod background;
 pub mod beside;
 pub mod cache;
 pub mod clicks;
@@ -34,7 +35,6 @@ pub mod refusal;
 pub mod render;
 pub mod server;
 pub mod share;
-pub mod slow;
 pub mod tracks;
 pub mod training;
 pub mod workspace;

@@ -31,7 +31,7 @@ pub struct Order {
 
 impl Order {
     /// Records that a history was changed, undone or redone: its steps before and after show which.
-    pub fn saw(&mut self, stack: Stack, before: Steps, after: Steps) {
+    pub fn record(&mut self, stack: Stack, before: Steps, after: Steps) {
         if after.redo > before.redo {
             for _ in before.redo..after.redo {
                 take_last(&mut self.done, stack);
@@ -108,7 +108,7 @@ mod tests {
         fn to(&mut self, stack: Stack, undo: usize, redo: usize) {
             let steps = &mut self.steps[usize::from(stack == Stack::Edits)];
             let after = Steps { undo, redo };
-            self.order.saw(stack, *steps, after);
+            self.order.record(stack, *steps, after);
             *steps = after;
         }
 

@@ -1,4 +1,5 @@
-//! The files of the page in the browser, which are embedded in the program.
+//! The files of the page in the browser, which are embedded in the program. Its declarations of types, `tsconfig.json`
+//! and `package.json` are for checks and tests only.
 
 /// A file of the page.
 #[derive(Clone, Copy, Debug)]
@@ -6,14 +7,14 @@ pub struct PageFile {
     /// Path under which it is requested.
     pub path: &'static str,
     /// Its media type.
-    pub kind: &'static str,
+    pub media_type: &'static str,
     /// Its contents.
     pub bytes: &'static [u8],
 }
 
 macro_rules! files {
     ($($path:literal $kind:literal $file:literal,)*) => {
-        [$(PageFile { path: $path, kind: $kind, bytes: include_bytes!(concat!("page/", $file)) }),*]
+        [$(PageFile { path: $path, media_type: $kind, bytes: include_bytes!(concat!("page/", $file)) }),*]
     };
 }
 
@@ -21,7 +22,7 @@ macro_rules! modules {
     ($($name:literal,)*) => {
         [$(PageFile {
             path: concat!("/", $name),
-            kind: "text/javascript; charset=utf-8",
+            media_type: "text/javascript; charset=utf-8",
             bytes: include_bytes!(concat!("page/", $name)),
         }),*]
     };
@@ -35,32 +36,40 @@ pub const FILES: [PageFile; 3] = files![
 ];
 
 /// The modules of the page's script.
-pub const MODULES: [PageFile; 25] = modules![
+pub const MODULES: [PageFile; 33] = modules![
     "address.js",
     "app.js",
+    "appearance.js",
     "camera.js",
     "compare.js",
     "dialog.js",
+    "dom.js",
     "edits.js",
+    "frame.js",
     "gizmo.js",
     "help.js",
     "input.js",
     "jobs.js",
-    "looks.js",
-    "parts.js",
+    "listeners.js",
+    "operations.js",
+    "panels.js",
     "path.js",
     "picture.js",
+    "playback.js",
+    "plot-scale.js",
     "plot.js",
-    "row.js",
+    "projection.js",
+    "segment-row.js",
     "segments.js",
     "selection.js",
+    "share.js",
     "socket.js",
     "state.js",
-    "take.js",
     "time.js",
     "tracks.js",
     "training.js",
     "units.js",
+    "view-text.js",
 ];
 
 #[cfg(test)]

@@ -12,11 +12,11 @@ use std::path::Path;
 use std::thread::JoinHandle;
 
 /// Stamps of the files of segments, edits and affinity field.
-pub type Seen = [Stamp; 3];
+pub type Stamps = [Stamp; 3];
 
 /// Returns the stamps of the files of `run`.
 #[must_use]
-pub fn seen(run: &OpenRun) -> Seen {
+pub fn stamps(run: &OpenRun) -> Stamps {
     let paths = run.paths();
     [paths.segments(), paths.edits(), paths.affinity()].map(|path| stamp(&path))
 }
@@ -35,7 +35,7 @@ pub struct Read {
     /// Where the cameras of its dataset are.
     pub around: Surroundings,
     /// The stamps of its files before they were read.
-    pub seen: Seen,
+    pub seen: Stamps,
     /// Its segments; none if those on disk belong to another state of its scene.
     pub segments: RunSegments,
     /// Why those on disk cannot be used, if so.
@@ -53,7 +53,7 @@ impl Read {
     /// If the run or a file of it cannot be used.
     pub fn new(path: &Path, data: Option<&Path>, device: &Device) -> Result<Self, RunError> {
         let run = OpenRun::open(path, device)?.with_dataset(data)?;
-        let seen = seen(&run);
+        let seen = stamps(&run);
         let ((segments, fault), edits) = (RunSegments::replacing(&run), run.edits()?);
         let (fault, field, around) = (fault.map(|e| e.to_string()), field(&run, device), run.record.surroundings);
         Ok(Self { run, around, seen, segments, fault, edits, field })

@@ -70,8 +70,8 @@ impl Shared {
 /// Returns the routes.
 pub fn router(shared: Shared) -> Router {
     let mut router = Router::new().route("/ws", get(socket)).route("/host", get(host));
-    for PageFile { path, kind, bytes } in FILES.into_iter().chain(MODULES) {
-        let file = move || async move { ([(header::CONTENT_TYPE, kind)], bytes) };
+    for PageFile { path, media_type, bytes } in FILES.into_iter().chain(MODULES) {
+        let file = move || async move { ([(header::CONTENT_TYPE, media_type)], bytes) };
         router = router.route(path, get(file));
     }
     router.layer(from_fn_with_state(shared.clone(), admit)).with_state(shared)
@@ -208,7 +208,7 @@ impl Drop for Here {
 async fn talk(mut socket: WebSocket, shared: &Shared) {
     let id: ClientId = shared.next.fetch_add(1, Ordering::SeqCst);
     let (out, mut answers) = mpsc::channel(QUEUE);
-    shared.hub.tell(id, Event::Came(out.clone()));
+    shared.hub.push(id, Event::Connected(out.clone()));
     let mut ended = false;
     let (mut beat, mut heard) = (interval(BEAT), Instant::now());
     loop {
@@ -239,7 +239,7 @@ async fn talk(mut socket: WebSocket, shared: &Shared) {
             break;
         }
     }
-    shared.hub.tell(id, Event::Left);
+    shared.hub.push(id, Event::Disconnected);
     if ended {
         close(socket).await;
     }
@@ -263,7 +263,7 @@ async fn hear(shared: &Shared, id: ClientId, text: &str, out: &mpsc::Sender<Outg
             while shared.hub.is_full() {
                 tokio::time::sleep(Duration::from_millis(5)).await;
             }
-            shared.hub.tell(id, Event::Said(Box::new(request)));
+            shared.hub.push(id, Event::Message(Box::new(request)));
         }
         Err(error) => {
             let message = format!("invalid request: {}", plain(&error.to_string()));

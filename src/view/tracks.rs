@@ -7,6 +7,7 @@ use crate::run::follow::{Times, measure};
 use crate::run::{OpenRun, RunError};
 use crate::track::events::EventKind;
 use crate::track::follow::Followup;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::ops::RangeInclusive;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -21,7 +22,7 @@ const TIMES: RangeInclusive<usize> = 2..=501;
 const TOGETHER: &str = "together";
 
 /// Measurements of a segment, or several as one, over time.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Track {
     /// Number of the request.
     pub id: u32,
@@ -40,7 +41,7 @@ pub struct Track {
 }
 
 /// An event of the parts.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct TrackEvent {
     /// Its kind.
     pub kind: EventKind,
@@ -78,7 +79,7 @@ impl Track {
 
 /// A request for a track.
 #[derive(Debug)]
-pub struct Wanted {
+pub struct TrackRequest {
     /// The client that requested it.
     pub client: ClientId,
     /// Number by which the answer is identified.
@@ -92,18 +93,18 @@ pub struct Wanted {
 }
 
 /// An answer: the track, or why there is none, with the number of the request.
-type Found = Result<Track, (u32, String)>;
+type TrackResult = Result<Track, (u32, String)>;
 
 /// The thread that measures, and the requests that wait for it: the newest of each client.
 #[derive(Debug)]
 pub struct Tracks {
     hub: Arc<Hub>,
-    waiting: Vec<Wanted>,
+    waiting: Vec<TrackRequest>,
     /// Answers to requests that never began.
-    refused: Vec<(ClientId, Found)>,
+    refused: Vec<(ClientId, TrackResult)>,
     running: Option<(ClientId, Arc<AtomicBool>, JoinHandle<()>)>,
-    out: Sender<(ClientId, Found)>,
-    found: Receiver<(ClientId, Found)>,
+    out: Sender<(ClientId, TrackResult)>,
+    found: Receiver<(ClientId, TrackResult)>,
 }
 
 impl Tracks {
@@ -118,23 +119,23 @@ impl Tracks {
     ///
     /// # Errors
     /// If the number of times is out of range, or no segment is named.
-    pub fn ask(&mut self, wanted: Wanted) -> Result<(), String> {
-        if !TIMES.contains(&wanted.times) {
+    pub fn ask(&mut self, request: TrackRequest) -> Result<(), String> {
+        if !TIMES.contains(&request.times) {
             return Err(format!("times: must be between {} and {}", TIMES.start(), TIMES.end()));
         }
-        if wanted.segments.is_empty() {
+        if request.segments.is_empty() {
             return Err("segments: name at least one".into());
         }
-        if let Some(old) = self.forget(wanted.client) {
+        if let Some(old) = self.forget(request.client) {
             self.refused.push((old.client, Err((old.id, replaced()))));
         }
-        self.waiting.push(wanted);
+        self.waiting.push(request);
         self.next();
         Ok(())
     }
 
     /// Cancels what the client requested; returns the request if it had not begun.
-    pub fn forget(&mut self, client: ClientId) -> Option<Wanted> {
+    pub fn forget(&mut self, client: ClientId) -> Option<TrackRequest> {
         if let Some((of, stop, _)) = &self.running
             && *of == client
         {
@@ -145,26 +146,26 @@ impl Tracks {
     }
 
     /// Returns the next answer, if there is one.
-    pub fn news(&mut self) -> Option<(ClientId, Found)> {
+    pub fn finished(&mut self) -> Option<(ClientId, TrackResult)> {
         if let Some(refused) = self.refused.pop() {
             return Some(refused);
         }
         // a thread sends its answer at its very end
-        let news = self.found.try_recv().ok()?;
+        let result = self.found.try_recv().ok()?;
         self.join();
         self.next();
-        Some(news)
+        Some(result)
     }
 
     fn next(&mut self) {
         if self.running.is_some() || self.waiting.is_empty() {
             return;
         }
-        let wanted = self.waiting.remove(0);
-        let (client, id, stop) = (wanted.client, wanted.id, Arc::new(AtomicBool::new(false)));
+        let request = self.waiting.remove(0);
+        let (client, id, stop) = (request.client, request.id, Arc::new(AtomicBool::new(false)));
         let (out, hub, stopped) = (self.out.clone(), self.hub.clone(), stop.clone());
         let work = move || {
-            let found = catch_unwind(AssertUnwindSafe(|| follow(wanted, &stopped)));
+            let found = catch_unwind(AssertUnwindSafe(|| follow(request, &stopped)));
             let found = match found {
                 Ok(Ok(Some(track))) => Ok(track),
                 Ok(Ok(None)) => Err((id, replaced())),
@@ -203,8 +204,8 @@ fn replaced() -> String {
     "replaced by a newer request".into()
 }
 
-fn follow(wanted: Wanted, stop: &AtomicBool) -> Result<Option<Track>, RunError> {
-    let Wanted { id, segments, times, run, .. } = wanted;
+fn follow(request: TrackRequest, stop: &AtomicBool) -> Result<Option<Track>, RunError> {
+    let TrackRequest { id, segments, times, run, .. } = request;
     let group = (segments.len() > 1).then(|| Name::new(TOGETHER)).transpose().map_err(RunError::failure)?;
     let times = Times::Even { from: 0.0, to: 1.0, frames: times };
     let asked = format!("{} times", times.count());

@@ -8,6 +8,7 @@ use crate::run::OpenRun;
 use crate::run::status::status;
 use crate::train::run::RunRecord;
 use crate::versioned;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::path::Path;
 use std::time::{Duration, Instant, SystemTime};
@@ -16,7 +17,7 @@ use std::time::{Duration, Instant, SystemTime};
 const PAUSE: Duration = Duration::from_secs(1);
 
 /// The training of a run.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Training {
     /// `running`, `interrupted`, `complete` or `broken off`, see [`status`].
     pub status: String,
@@ -49,7 +50,7 @@ pub fn stamp(path: &Path) -> Stamp {
 #[derive(Debug, Default)]
 pub struct Watch {
     seen: Option<[Stamp; 2]>,
-    looked: Option<Instant>,
+    checked: Option<Instant>,
     now: Option<Training>,
 }
 
@@ -62,11 +63,11 @@ impl Watch {
 
     /// Checks the log, at once if that is `urgent`; returns what is known now, if that has changed. `live` is the
     /// progress of a training in this process.
-    pub fn look(&mut self, run: &OpenRun, live: Option<Progress>, urgent: bool) -> Option<&Training> {
-        if !urgent && self.looked.is_some_and(|when| when.elapsed() < PAUSE) {
+    pub fn check(&mut self, run: &OpenRun, live: Option<Progress>, urgent: bool) -> Option<&Training> {
+        if !urgent && self.checked.is_some_and(|when| when.elapsed() < PAUSE) {
             return None;
         }
-        self.looked = Some(Instant::now());
+        self.checked = Some(Instant::now());
         let paths = run.paths();
         let stamps = [paths.metrics(), paths.record()].map(|path| stamp(&path));
         let mut now = match &self.now {

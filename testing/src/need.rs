@@ -17,6 +17,10 @@ pub enum Need {
     Browser,
     /// The script of axe-core, named by `VOLSEGGS_AXE`.
     Axe,
+    /// Node.js.
+    Node,
+    /// TypeScript's compiler, named by `VOLSEGGS_VIEW_TSC`.
+    Tsc,
     /// `timeout` of GNU coreutils.
     Coreutils,
     /// The Python package `vtk`.
@@ -39,12 +43,14 @@ pub enum Need {
 
 impl Need {
     /// Every need.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 16] = [
         Self::Gpu,
         Self::Cuda,
         Self::Slurm,
         Self::Browser,
         Self::Axe,
+        Self::Node,
+        Self::Tsc,
         Self::Coreutils,
         Self::Vtk,
         Self::VtkRendering,
@@ -65,6 +71,8 @@ impl Need {
             Self::Slurm => "VOLSEGGS_REQUIRE_SLURM",
             Self::Browser => "VOLSEGGS_REQUIRE_BROWSER",
             Self::Axe => "VOLSEGGS_REQUIRE_AXE",
+            Self::Node => "VOLSEGGS_REQUIRE_NODE",
+            Self::Tsc => "VOLSEGGS_REQUIRE_TSC",
             Self::Coreutils => "VOLSEGGS_REQUIRE_COREUTILS",
             Self::Vtk => "VOLSEGGS_REQUIRE_VTK",
             Self::VtkRendering => "VOLSEGGS_REQUIRE_VTK_RENDERING",

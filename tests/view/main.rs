@@ -24,6 +24,7 @@ mod door;
 mod gizmo;
 mod jobs;
 mod matrix;
+mod modules;
 mod noise;
 mod page;
 mod soak;

@@ -3,10 +3,11 @@
 use super::{Kind, Look};
 use crate::segment::palette::hex;
 use crate::track::velocity::Component;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Legend for the colours of a picture.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct Legend {
     /// Description in words.
     pub legend: String,

@@ -1,6 +1,7 @@
 //! Progress of a job: written by its own thread, read by the drawing thread.
 
 use super::super::hub::Hub;
+use schemars::JsonSchema;
 use serde::Serialize;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,7 +13,7 @@ const MAX_LOSSES: usize = 200;
 const PAUSE: Duration = Duration::from_millis(250);
 
 /// The state of a job, as sent to clients.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct JobState {
     /// Its number, by which it is cancelled.
     pub number: u64,
@@ -39,7 +40,7 @@ pub struct JobState {
 }
 
 /// How a job ended.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum JobEnd {
     /// Everything is done; says what was made, and where it is.

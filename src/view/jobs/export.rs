@@ -5,11 +5,12 @@ use crate::run::export::{LabelFormat, Output, Record, SplatFormat, SplatPlan, wr
 use crate::run::labels::{LabelPlan, Labels};
 use crate::run::selection::Selection;
 use crate::run::{OpenRun, RunError};
+use schemars::JsonSchema;
 use serde::Deserialize;
 use std::path::Path;
 
 /// A kind of file.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum FileFormat {
     /// Gaussians, for viewers of 3DGS.

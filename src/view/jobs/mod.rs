@@ -89,7 +89,7 @@ impl Jobs {
     }
 
     /// Returns the state if it is to be sent to clients now: it changed, and was not sent just before.
-    pub fn news(&mut self) -> Option<JobState> {
+    pub fn changed(&mut self) -> Option<JobState> {
         let board = self.board.as_ref()?;
         let (version, (sent, when)) = (board.version(), self.sent);
         if version == sent {

@@ -13,6 +13,7 @@ use crate::segment::fine::train::FineOptions;
 use crate::segment::masks::origin::MaskKind;
 use crate::track::report::{PictureOptions, SHEET_CELL};
 use burn::tensor::Device;
+use schemars::JsonSchema;
 use serde::Deserialize;
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -25,7 +26,7 @@ const STEPS: RangeInclusive<usize> = 1..=1_000_000;
 const MASK_ALPHA: f32 = 0.5;
 
 /// Long work.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, JsonSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Task {
     /// Masks of segments, as `segment masks`.
@@ -62,6 +63,7 @@ pub enum Task {
         /// Which segments.
         segments: Vec<String>,
         /// Name under which they are tracked as one.
+        #[schemars(with = "Option<String>")]
         group: Option<Name>,
         /// Number of times, evenly spaced over [0, 1].
         frames: usize,
@@ -82,7 +84,7 @@ pub enum Task {
 }
 
 /// Sources of masks that need no other program or download.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Source {
     /// Regions of the pictures.

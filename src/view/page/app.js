@@ -1,34 +1,35 @@
 // The page: sends the requested view, shows the frames that arrive, and requests changes.
-import { $, app, say, tell } from "./state.js";
-import { Camera } from "./camera.js";
-import { connect, hear } from "./socket.js";
-import { again } from "./picture.js";
+import { $, say } from "./dom.js";
 import { fromAddress } from "./address.js";
-import "./input.js";
+import { Camera } from "./camera.js";
+import { requestViewAgain } from "./picture.js";
+import { connect, hear } from "./socket.js";
+import { app, emit, setCamera, setWelcome } from "./state.js";
+import { describe } from "./training.js";
+import "./appearance.js";
 import "./compare.js";
-import "./looks.js";
-import "./path.js";
-import "./parts.js";
-import "./segments.js";
 import "./edits.js";
 import "./gizmo.js";
 import "./help.js";
+import "./input.js";
 import "./jobs.js";
+import "./panels.js";
+import "./path.js";
+import "./segments.js";
 import "./tracks.js";
-import { describe } from "./training.js";
 
 hear("welcome", (message) => {
-  app.welcome = message;
+  setWelcome(message);
   say(message.note ?? "");
   $("run").textContent = message.run;
   describe(message.gaussians, message.step);
   document.title = `${message.run} – volseggs`;
   if (!app.camera) {
-    app.camera = new Camera(message.centre, message.radius, message.fov);
+    setCamera(new Camera(message.centre, message.radius, message.fov));
     fromAddress();
   }
-  tell("welcome", message);
-  again();
+  emit("welcome", message);
+  requestViewAgain();
 });
 
 connect();

@@ -1,30 +1,52 @@
 // Comparison: a second picture beside the first, over it right of a divider, or in its place.
-import { $, app, canvas, make, on, say, value } from "./state.js";
-import { ask, hear } from "./socket.js";
-import { look, size, view } from "./picture.js";
+import { $, canvas, context2d, make, say, value } from "./dom.js";
 import { restore } from "./address.js";
-import { timeText } from "./units.js";
+import { requestView, restingView, size } from "./picture.js";
+import { ask, hear } from "./socket.js";
+import { app, on, setComparison } from "./state.js";
+import { count, timeText } from "./units.js";
+/** @import { Compare, Placed } from "./protocol" */
+/** @import { Welcome } from "./types" */
 
 const other = $("other");
-const context = other.getContext("2d");
+const context = context2d(other);
+/** @type {Placed[]} */
 let views = []; // test views of the dataset
+/** @type {{ bitmap: ImageBitmap, number: number } | null} */
 let image = null; // the dataset's image, and the number of its view
 let flipped = false;
+/** @type {string | null} */
 let fault = null; // why there is no picture to compare with
 
-const withWhat = () => $("compare").value;
-// the number of the chosen other run, or null
-const number = () => (withWhat().startsWith("run ") ? Number(withWhat().slice(4)) : null);
-const otherRun = () => app.welcome?.others[number()];
+const chosen = () => $("compare").value;
+/** The number of the chosen other run, or null. */
+const runNumber = () => (chosen().startsWith("run ") ? Number(chosen().slice(4)) : null);
+const otherRun = () => app.welcome?.others[runNumber() ?? NaN];
+
+/** @returns {Compare | null} */
+function comparison() {
+  const run = runNumber();
+  if (run !== null) return { with: "run", run };
+  switch (chosen()) {
+    case "image": return views.length ? { with: "image", view: value("test-view") } : null;
+    case "time": return { with: "time", time: value("other-time") };
+    case "plain": return { with: "plain" };
+    default: return null;
+  }
+}
 
 function update() {
-  const what = withWhat();
-  if (what === "image") app.compare = views.length ? { with: "image", view: value("test-view") } : null;
-  else if (what === "time") app.compare = { with: "time", time: value("other-time") };
-  else if (number() !== null) app.compare = { with: "run", run: number() };
-  else app.compare = what ? { with: what } : null;
+  setComparison(comparison());
   layout();
-  look(false);
+  requestView(false);
+}
+
+/** What the other picture shows, in words. */
+function otherName() {
+  const run = otherRun();
+  if (run) return `${run.name}${run.step === null ? "" : `, step ${count(run.step)}`}`;
+  if (chosen() === "image") return `the dataset's image of view ${value("test-view")}`;
+  return chosen() === "plain" ? "without edits" : `time ${timeText(value("other-time"))}`;
 }
 
 function layout() {
@@ -33,32 +55,36 @@ function layout() {
   other.hidden = !app.compare || (how === "flip" && !flipped);
   $("divider").hidden = how !== "wipe";
   $("compare-flip").disabled = how !== "flip";
-  $("compare-flip").setAttribute("aria-pressed", flipped);
-  $("other-time-row").hidden = withWhat() !== "time";
-  const names = { image: `the dataset's image of view ${value("test-view")}`, plain: "without edits", time: `time ${timeText(value("other-time"))}` };
-  const place = { side: "Right", wipe: "Right of the divider", flip: flipped ? "Shown" : "Behind" }[how];
-  const run = otherRun();
-  const name = run ? `${run.name}${run.step == null ? "" : `, step ${run.step.toLocaleString("en")}`}` : names[withWhat()];
-  $("compared").textContent = app.compare ? `${place}: ${name}${fault ? `: ${fault}` : ""}` : "";
+  $("compare-flip").setAttribute("aria-pressed", String(flipped));
+  $("other-time-row").hidden = chosen() !== "time";
+  const where = how === "side" ? "Right" : how === "wipe" ? "Right of the divider" : flipped ? "Shown" : "Behind";
+  const note = otherRun()?.note;
+  $("compared").textContent = app.compare ? `${where}: ${otherName()}${fault ? `: ${fault}` : ""}` : "";
   $("compared").classList.toggle("wrong", Boolean(app.compare && fault));
-  $("compare-note").textContent = run?.note ? `${run.name}: ${run.note}.` : "";
-  $("compare-note").hidden = !run?.note;
+  $("compare-note").textContent = note ? `${otherRun()?.name}: ${note}.` : "";
+  $("compare-note").hidden = !note;
   showImage();
+}
+
+function fit() {
+  const [w, h] = size();
+  if (other.width !== w || other.height !== h) [other.width, other.height] = [w, h];
+  return [w, h];
 }
 
 // draws the image at the scale of the picture
 function showImage() {
   if (app.compare?.with !== "image") return;
-  const [w, h] = size();
-  if (other.width !== w || other.height !== h) [other.width, other.height] = [w, h];
+  const [w, h] = fit();
   context.clearRect(0, 0, w, h);
-  const seen = views[app.compare.view];
-  if (image?.number !== app.compare.view || !seen) return;
+  const [test, now] = [views[app.compare.view], restingView()];
+  if (image?.number !== app.compare.view || !test || !now) return;
+  /** @param {number} fov */
   const half = (fov) => Math.tan(fov / 2);
-  const wide = (w * half(seen.fov)) / half(view(false).fov);
+  const wide = (w * half(test.fov)) / half(now.fov);
   const tall = (wide * image.bitmap.height) / image.bitmap.width;
   context.drawImage(image.bitmap, (w - wide) / 2, (h - tall) / 2, wide, tall);
-  other.dataset.image = image.number;
+  other.dataset.image = String(image.number);
 }
 
 on("other", ({ bitmap, number, isImage }) => {
@@ -67,10 +93,9 @@ on("other", ({ bitmap, number, isImage }) => {
     image = { bitmap, number };
     return showImage();
   }
-  const [w, h] = size();
-  if (other.width !== w || other.height !== h) [other.width, other.height] = [w, h];
+  const [w, h] = fit();
   context.drawImage(bitmap, 0, 0, w, h);
-  other.dataset.frame = number;
+  other.dataset.frame = String(number);
   bitmap.close();
 });
 on("frame", showImage);
@@ -82,15 +107,16 @@ hear("beside", (message) => {
   layout();
 });
 
-function snap() {
-  const seen = views[value("test-view")];
-  if (!seen) return say("The dataset has no test views.", true);
-  restore({ ...seen, look: $("look").value, palette: $("palette").value, alone: app.alone, hidden: app.hidden, edits: $("edits-on").checked, range: app.range });
+function goToTestView() {
+  const test = views[value("test-view")];
+  if (!test) return say("The dataset has no test views.", true);
+  const { alone, hidden, range } = app;
+  restore({ ...test, look: $("look").value, palette: $("palette").value, alone, hidden, edits: $("edits-on").checked, range });
   update();
 }
-$("test-view").onchange = snap;
-$("snap").onclick = snap;
-$("compare").onchange = () => (withWhat() === "image" ? snap() : update());
+$("test-view").onchange = goToTestView;
+$("snap").onclick = goToTestView;
+$("compare").onchange = () => (chosen() === "image" ? goToTestView() : update());
 $("compare-how").onchange = () => { flipped = false; update(); };
 $("other-time").oninput = update;
 export function flip() {
@@ -100,11 +126,11 @@ export function flip() {
 }
 $("compare-flip").onclick = flip;
 
-// moves the divider to a percentage of the width
-function divide(at) {
-  const to = Math.min(100, Math.max(0, at));
+/** Moves the divider. @param {number} percent of the width */
+function divide(percent) {
+  const to = Math.min(100, Math.max(0, percent));
   $("divider").style.left = `${to}%`;
-  $("divider").setAttribute("aria-valuenow", Math.round(to));
+  $("divider").setAttribute("aria-valuenow", String(Math.round(to)));
   $("stage").style.setProperty("--divider", `${to}%`);
 }
 $("divider").onpointerdown = (e) => $("divider").setPointerCapture(e.pointerId);
@@ -113,7 +139,7 @@ $("divider").onpointermove = (e) => {
   if (e.buttons) divide((100 * (e.clientX - box.left)) / box.width);
 };
 $("divider").onkeydown = (e) => {
-  const by = { ArrowLeft: -2, ArrowRight: 2 }[e.key];
+  const by = e.key === "ArrowLeft" ? -2 : e.key === "ArrowRight" ? 2 : 0;
   if (!by) return;
   e.preventDefault();
   e.stopPropagation();
@@ -121,28 +147,37 @@ $("divider").onkeydown = (e) => {
 };
 divide(50);
 // pointer and wheel events on the second picture act on both
-for (const kind of ["pointerdown", "wheel"]) other.addEventListener(kind, (e) => {
+other.addEventListener("pointerdown", (e) => {
   e.preventDefault();
-  canvas.dispatchEvent(new e.constructor(kind, e));
+  canvas.dispatchEvent(new PointerEvent("pointerdown", e));
 });
-other.oncontextmenu = (e) => e.preventDefault();
+other.addEventListener("wheel", (e) => {
+  e.preventDefault();
+  canvas.dispatchEvent(new WheelEvent("wheel", e));
+});
+other.addEventListener("contextmenu", (e) => e.preventDefault());
 
-hear("views", ({ views: found }) => {
-  views = found;
-  $("test-view").replaceChildren(...views.map((v, n) => make("option", { value: n, textContent: `${n}: time ${timeText(v.time)}` })));
+hear("views", (message) => {
+  views = message.views;
+  const options = views.map((v, n) => make("option", { value: String(n), textContent: `${n}: time ${timeText(v.time)}` }));
+  $("test-view").replaceChildren(...options);
 });
+
+/** @param {Welcome} welcome */
 function offer({ others }) {
-  const chosen = withWhat();
+  const before = chosen();
   $("compare-runs").replaceChildren(...others.map((run, n) => make("option", { value: `run ${n}`, textContent: run.name })));
   $("compare-runs").hidden = !others.length;
-  $("compare").value = chosen;
-  if (withWhat() !== chosen) $("compare").value = "";
+  $("compare").value = before;
+  if (chosen() !== before) $("compare").value = "";
   layout();
 }
-on("welcome", (welcome) => {
+on("welcome", async (welcome) => {
   // a restarted viewer has reported no fault yet
   fault = null;
   offer(welcome);
+  if (views.length) return;
   // a run whose dataset is missing has no test views
-  if (!views.length) ask({ type: "views" }).catch(() => {}).then(() => ($("snap").disabled = $("test-view").disabled = !views.length));
+  await ask({ type: "views" }).catch(() => {});
+  $("snap").disabled = $("test-view").disabled = !views.length;
 });

@@ -1,17 +1,23 @@
 // Questions to the user, in a dialog.
-import { $ } from "./state.js";
+import { $ } from "./dom.js";
 
 const dialog = $("question");
 
-// resolves the last question
+/** Resolves the last question. @type {(answer: string | null) => void} */
 let answer = () => {};
-const answered = (value) => {
+/** @param {string | null} text */
+const answered = (text) => {
   const last = answer;
   answer = () => {};
-  last(value);
+  last(text);
 };
 
-// asks; resolves to the entered name, to "" if no name is requested, or to null if the user declines
+/**
+ * Asks; resolves to the entered name, to "" if no name is requested, or to null if the user declines.
+ * @param {string} text
+ * @param {{ button: string, name?: boolean }} options
+ * @returns {Promise<string | null>}
+ */
 export function question(text, { button, name = false }) {
   answered(null);
   $("question-text").textContent = text;

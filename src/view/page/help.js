@@ -1,7 +1,7 @@
 // The list of keys and mouse actions.
-import { $, typing } from "./state.js";
+import { $, typing } from "./dom.js";
 
-// whether a dialog is open, which then receives all keys
+/** Whether a dialog is open, which then receives all keys. */
 export const asking = () => Boolean(document.querySelector("dialog[open]"));
 const open = () => $("help").showModal();
 $("help-open").onclick = open;

@@ -1,95 +1,92 @@
-// The picture: sends the requested view to the server, and draws the frames that arrive.
-import { $, app, canvas, tell, value } from "./state.js";
+// The picture: sends the requested view to the viewer, and draws the frames that arrive.
+import { $, canvas, context2d, value } from "./dom.js";
+import { pictureFov } from "./camera.js";
+import { KINDS, header, picture } from "./frame.js";
 import { answered, hear, send } from "./socket.js";
+import { app, emit } from "./state.js";
+/** @import { ViewRequest } from "./protocol" */
+/** @import { Camera, Vec2, Welcome } from "./types" */
 
-const HEADER = 32;
-// kinds of frames: the picture, a requested file, the dataset's image; any other is drawn beside the picture
-const [PICTURE, STILL, IMAGE] = [0, 2, 3];
-const context = canvas.getContext("2d", { willReadFrequently: true });
+const context = context2d(canvas, { willReadFrequently: true });
 let lastView = "";
-let frames = [];
+/** @type {number[]} */
+let frames = []; // when those of the last second were drawn
 
-// the picture fills the stage
+/** Width and height of the picture, which fills the stage. @returns {Vec2} */
 export function size() {
   const box = $("stage").getBoundingClientRect();
   const columns = $("stage").classList.contains("side") ? 2 : 1;
-  return [Math.floor(box.width / columns), box.height].map((n) => Math.min(4096, Math.max(16, Math.round(n))));
+  /** @param {number} n */
+  const side = (n) => Math.min(4096, Math.max(16, Math.round(n)));
+  return [side(Math.floor(box.width / columns)), side(box.height)];
 }
 
-// ratio of the tangents of half the field of view, of a picture of this size to a training image
-const wider = ([width, height]) => Math.max(1, width / height / (app.welcome.size[0] / app.welcome.size[1]));
-
-// converts the field of view of a picture of this size to that of a training image
-export const narrowed = (fov, of) => 2 * Math.atan(Math.tan(fov / 2) / wider(of));
-
-// a field of view wide enough that the picture shows all that a training image would, whatever its aspect ratio
-function lens() {
-  return 2 * Math.atan(Math.tan(app.camera.fov / 2) * wider(size()));
-}
-
-export function view(moving) {
+/** @param {Camera} camera @param {Welcome} welcome @param {boolean} moving @returns {ViewRequest} */
+function view(camera, welcome, moving) {
   return {
-    ...app.camera.state(), fov: lens(), size: size(), time: value("when"), look: $("look").value,
-    palette: $("palette").value || null,
-    alone: app.alone, hidden: [...app.hidden], edits: $("edits-on").checked, preview: app.preview, range: app.range, moving,
-    compare: app.compare,
+    ...camera.state(), fov: pictureFov(camera.fov, size(), welcome.size), size: size(), time: value("when"),
+    look: $("look").value, palette: $("palette").value || null,
+    alone: [...app.alone], hidden: [...app.hidden], edits: $("edits-on").checked, preview: app.preview, range: app.range,
+    moving, compare: app.compare,
   };
 }
 
-// marks the picture as outdated; a new one will arrive
+/** The view that is shown at rest; null before the camera is known. */
+export const restingView = () => (app.camera && app.welcome ? view(app.camera, app.welcome, false) : null);
+
+/** Marks the picture as outdated; a new one will arrive. */
 export function stale() {
-  canvas.dataset.lossless = false;
+  canvas.dataset.lossless = "false";
 }
 
+/** @type {number | undefined} */
 let resting;
-// requests the current view; returns whether it differs from the last request
-export function look(moving) {
+/**
+ * Requests the current view; returns whether it differs from the last request.
+ * @param {boolean} moving whether more changes are to come at once
+ */
+export function requestView(moving) {
   if (!app.camera || !app.welcome) return false;
-  const wanted = view(moving);
+  const wanted = view(app.camera, app.welcome, moving);
   const text = JSON.stringify(wanted);
   if (text === lastView) return false;
   lastView = text;
   stale();
   send({ type: "view", ...wanted });
   clearTimeout(resting);
-  resting = setTimeout(moving ? () => look(false) : () => tell("rested"), moving ? 200 : 300);
+  resting = setTimeout(moving ? () => requestView(false) : () => emit("rested", undefined), moving ? 200 : 300);
   return true;
 }
 
-// requests the view again, as a new connection does not know the last request
-export function again() {
+/** Requests the view again, as a new connection does not know the last request. */
+export function requestViewAgain() {
   lastView = "";
-  look(false);
+  requestView(false);
 }
 
+/** @param {ArrayBuffer} data */
 async function show(data) {
-  const head = new DataView(data);
-  const frame = head.getUint32(4, true);
-  const [width, height] = [head.getUint16(16, true), head.getUint16(18, true)];
-  const png = head.getUint8(1) === 1;
-  const bytes = new Blob([new Uint8Array(data, HEADER)], { type: png ? "image/png" : "image/jpeg" });
-  const kind = head.getUint8(2);
-  if (kind === STILL) {
-    answered(frame);
-    return tell("still", bytes);
+  const { png, kind, number, revision, width, height, time, ms } = header(data);
+  const bytes = picture(data, png);
+  if (kind === KINDS.still) {
+    answered(number);
+    return emit("still", bytes);
   }
-  const picture = await createImageBitmap(bytes);
-  if (kind !== PICTURE) return tell("other", { bitmap: picture, number: frame, isImage: kind === IMAGE });
-  send({ type: "ack", frame });
+  const bitmap = await createImageBitmap(bytes);
+  if (kind !== KINDS.picture) return emit("other", { bitmap, number, isImage: kind === KINDS.image });
+  send({ type: "ack", frame: number });
   const [w, h] = size();
   if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
-  context.drawImage(picture, 0, 0, w, h);
-  picture.close();
-  canvas.dataset.frame = frame;
-  canvas.dataset.lossless = png;
-  canvas.dataset.revision = head.getUint32(8, true);
-  canvas.dataset.time = head.getFloat32(20, true).toFixed(4);
+  context.drawImage(bitmap, 0, 0, w, h);
+  bitmap.close();
+  Object.assign(canvas.dataset, { frame: number, lossless: png, revision, time: time.toFixed(4) });
   frames = [...frames.filter((t) => t > performance.now() - 1000), performance.now()];
-  const [render, encode] = [head.getFloat32(24, true), head.getFloat32(28, true)].map((v) => v.toFixed(0));
-  $("figures").textContent = `${width}×${height}${png ? ", lossless" : ""}, ${render} + ${encode} ms` + (app.playing ? `, ${frames.length} frames/s` : "");
-  tell("frame");
+  const [render, encode] = ms.map((v) => v.toFixed(0));
+  const rate = app.playing ? `, ${frames.length} frames/s` : "";
+  $("figures").textContent = `${width}×${height}${png ? ", lossless" : ""}, ${render} + ${encode} ms${rate}`;
+  emit("frame", undefined);
 }
 
 hear("frame", show);
-$("edits-on").onchange = () => look(false);
-new ResizeObserver(() => look(false)).observe($("stage"));
+$("edits-on").onchange = () => requestView(false);
+new ResizeObserver(() => requestView(false)).observe($("stage"));

@@ -1,11 +1,17 @@
 // Clicks: the selection, its levels and sliders, and segments made from it.
-import { $, app, canvas, make, on, say, tell, value } from "./state.js";
-import { ask, hear, send } from "./socket.js";
-import { look, stale } from "./picture.js";
-import { add, sub } from "./camera.js";
-import { reveal } from "./parts.js";
+import { $, canvas, make, say, value } from "./dom.js";
+import { reveal } from "./panels.js";
+import { requestView, stale } from "./picture.js";
+import { attempt, hear, send } from "./socket.js";
+import { app, on, setPicked } from "./state.js";
+import { count } from "./units.js";
+/** @import { LevelKind, RequestedGranularity, Selected } from "./protocol" */
+/** @import { Unnumbered, Vec2 } from "./types" */
 
-// what makes the Gaussians of a level one; the share is that of what the scene shows
+/**
+ * What makes the Gaussians of a level one; the share is that of what the scene shows.
+ * @type {Record<LevelKind, string>}
+ */
 const KINDS = {
   similar: "What is similar to the click",
   part: "The clicked part of the connected piece",
@@ -15,71 +21,73 @@ const KINDS = {
 };
 const HINT = "Click on the picture to select. Shift-click adds, Alt-click removes.";
 
-// the pixel under the pointer
+/** The pixel under the pointer. @param {MouseEvent} e @returns {Vec2} */
 function under(e) {
   const box = canvas.getBoundingClientRect();
-  const at = [(e.clientX - box.left) / box.width, (e.clientY - box.top) / box.height];
+  const x = (e.clientX - box.left) / box.width, y = (e.clientY - box.top) / box.height;
   // the comparison picture shows the same place
-  if (at[0] >= 1) at[0] -= 1;
-  return at.map((v, k) => Math.floor(v * [canvas.width, canvas.height][k]));
+  return [Math.floor((x >= 1 ? x - 1 : x) * canvas.width), Math.floor(y * canvas.height)];
 }
 
-// makes the clicked point the target, about which the camera turns
+/** Makes the clicked point the target, about which the camera turns. @param {MouseEvent} e */
 export async function centreOn(e) {
-  const found = await ask({ type: "point", pixel: under(e) }).catch((message) => say(message, true));
+  const found = await attempt({ type: "point", pixel: under(e) });
   if (!found) return;
   say("");
-  const arm = sub(app.camera.eye, app.camera.target);
-  Object.assign(app.camera, { target: found.at, eye: add(found.at, arm) });
-  look(false);
+  app.camera?.centreOn(found.at);
+  requestView(false);
 }
 
+/** @param {PointerEvent} e */
 export async function click(e) {
   const pixel = under(e);
   const stage = $("stage").getBoundingClientRect();
   Object.assign($("marker").style, { left: `${e.clientX - stage.left}px`, top: `${e.clientY - stage.top}px` });
   $("marker").hidden = false;
-  look(false);
+  requestView(false);
   const combine = e.shiftKey ? "add" : e.altKey ? "remove" : "replace";
   await choose({ type: "pick", pixel, within: null, meaning: null, combine });
 }
 
 // grows when the selection is cleared; what was asked for before that is not shown
 let clears = 0;
+/** @param {Unnumbered<"pick"> | Unnumbered<"adjust">} request */
 async function choose(request) {
   const before = clears;
-  const found = await ask(request).catch((message) => say(message, true));
-  if (!found || clears !== before) return;
-  selected(found);
-  tell("picked", found);
+  const found = await attempt(request);
+  if (found && clears === before) selected(found);
 }
 
+/** @param {Selected} message */
 function selected(message) {
-  app.picked = message;
+  setPicked(message);
   stale();
   say("");
   const names = message.segments.length ? ` in ${message.segments.join(", ")}` : "";
-  $("selected").textContent = `${message.gaussians.toLocaleString("en")} Gaussians${names} (${message.ms.toFixed(0)} ms)`;
+  $("selected").textContent = `${count(message.gaussians)} Gaussians${names} (${message.ms.toFixed(0)} ms)`;
   $("levels").replaceChildren(...message.levels.map(({ kind, share }, n) => {
     const percent = share < 0.1 ? (100 * share).toFixed(1) : (100 * share).toFixed(0);
     const button = make("button", { textContent: `${kind} ${percent} %`, title: KINDS[kind] });
-    button.setAttribute("aria-pressed", n + 1 === message.level);
+    button.setAttribute("aria-pressed", String(n + 1 === message.level));
     button.onclick = () => adjust({ level: n + 1 });
     return button;
   }));
-  $("scale").value = message.scale;
-  $("cosine").value = Math.max(0, message.threshold);
+  $("scale").value = String(message.scale);
+  $("cosine").value = String(Math.max(0, message.threshold));
   figures();
   reveal($("refine"));
 }
 
 // shows the values of the sliders
 function figures() {
-  for (const id of ["scale", "cosine"]) $(`${id}-now`).textContent = value(id).toFixed(2);
+  for (const id of /** @type {const} */ (["scale", "cosine"])) $(`${id}-now`).textContent = value(id).toFixed(2);
 }
 
 // one adjustment is under way at a time; of those that wait, the latest wins
-let adjusting = false, next = null;
+let adjusting = false;
+/** @type {RequestedGranularity | null} */
+let next = null;
+/** @param {RequestedGranularity} meaning */
 async function adjust(meaning) {
   if (!app.picked) return;
   if (adjusting) { next = meaning; return; }
@@ -96,7 +104,7 @@ $("scale").oninput = byHand;
 $("cosine").oninput = byHand;
 
 export function clear() {
-  app.picked = null;
+  setPicked(null);
   next = null;
   clears += 1;
   stale();
@@ -105,7 +113,6 @@ export function clear() {
   $("levels").replaceChildren();
   if (app.welcome?.clicks) $("selected").textContent = HINT;
   send({ type: "clear" });
-  tell("cleared");
 }
 $("clear").onclick = clear;
 $("commit").onsubmit = async (e) => {
@@ -114,16 +121,16 @@ $("commit").onsubmit = async (e) => {
   if (!app.picked) return say("Click on something first.", true);
   if (!name) return say("Enter a name for the segment.", true);
   const committed = app.picked;
-  await ask({ type: "commit", base: app.doc.revision, name }).then(() => {
-    $("name").value = "";
-    // a click made meanwhile stays
-    if (app.picked === committed) clear();
-    say(`${name} is now a segment.`);
-  }).catch((message) => say(message, true));
+  if (!(await attempt({ type: "commit", base: app.doc.revision, name }))) return;
+  $("name").value = "";
+  // a click made meanwhile stays
+  if (app.picked === committed) clear();
+  say(`${name} is now a segment.`);
 };
 
 // the next connection does not know the selection
 hear("closed", () => app.picked && clear());
+/** @type {string | null} */
 let scene = null;
 on("welcome", (welcome) => {
   // the selection belongs to the previous scene

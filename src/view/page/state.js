@@ -1,56 +1,98 @@
-// State that the parts of the page share, and events between them.
+// State that the modules of the page share, and events between them. Modules read it as `app` and change it only by the
+// functions here. Nothing here needs a browser.
+import { Listeners } from "./listeners.js";
+/** @import { Edit, Selected } from "./protocol" */
+/** @import { AppState, Camera, Events, SegmentDocument, Welcome } from "./types" */
 
-export const $ = (id) => document.getElementById(id);
-export const canvas = $("picture");
-
-export const app = {
-  welcome: null, // the server's description of the run
+/** @type {AppState} */
+const state = {
+  welcome: null,
   camera: null,
-  doc: { revision: 0, segments: [], edits: [], segment_steps: [null, null], edit_steps: [false, false] },
-  hidden: new Set(), // names of segments hidden in this view
-  checked: new Set(), // names of segments that are checked in the tree
-  preview: null, // edits that are shown but not saved
-  alone: [], // names of isolated segments
-  compare: null, // what the picture is compared with
-  range: null, // limits of the colour scale, if they are held
+  doc: { revision: 0, renamed: [], segments: [], edits: [], segment_steps: [null, null], edit_steps: [false, false] },
+  hidden: new Set(),
+  checked: new Set(),
+  preview: null,
+  alone: [],
+  compare: null,
+  range: null,
   playing: null,
-  picked: null, // the last answer to a click
+  picked: null,
 };
 
-// events: "welcome", "document", "picked", "frame", "cleared", "rested", "checked", "restored", "still", "path", "other"
-const listeners = {};
-export const on = (event, listener) => (listeners[event] ??= []).push(listener);
-export const tell = (event, what) => (listeners[event] ?? []).forEach((listener) => listener(what));
+/** @type {Readonly<AppState>} */
+export const app = state;
 
-export function say(text, wrong = false) {
-  $("message").textContent = text;
-  $("message").classList.toggle("wrong", wrong);
+/** @param {Welcome} welcome */
+export const setWelcome = (welcome) => { state.welcome = welcome; };
+
+/** @param {Camera} camera */
+export const setCamera = (camera) => { state.camera = camera; };
+
+/**
+ * A renamed segment, whoever renamed it, stays checked, hidden or isolated; a removed one does not.
+ * @param {SegmentDocument} doc
+ * @returns {Map<string, string>} new names by old ones
+ */
+export function setDocument(doc) {
+  const names = new Set(doc.segments.map((s) => s.name));
+  const renamed = new Map(doc.renamed.filter(([from, to]) => !names.has(from) && names.has(to)));
+  /** @param {Iterable<string>} list */
+  const kept = (list) => [...list].map((name) => renamed.get(name) ?? name).filter((name) => names.has(name));
+  state.doc = doc;
+  // it belonged to another document
+  state.preview = null;
+  state.hidden = new Set(kept(state.hidden));
+  state.checked = new Set(kept(state.checked));
+  state.alone = kept(state.alone);
+  return renamed;
 }
 
-// whether key presses enter text now
-export const typing = () => {
-  const at = document.activeElement;
-  return /INPUT|SELECT|TEXTAREA/.test(at?.tagName) && !/range|checkbox|color/.test(at.type);
-};
+/** Shows edits of the present document without saving them. @param {Edit[] | null} edits */
+export const setPreview = (edits) => { state.preview = edits && { base: state.doc.revision, edits }; };
 
-// seconds in words
-export const duration = (seconds) => (seconds < 90 ? `${seconds.toFixed(0)} s` : seconds < 5400 ? `${(seconds / 60).toFixed(1)} min` : `${(seconds / 3600).toFixed(1)} h`);
+/** @param {Iterable<string>} names */
+export const setHidden = (names) => { state.hidden = new Set(names); };
 
-export const value = (id) => Number($(id).value);
+/** @param {string} name */
+export const toggleHidden = (name) =>
+  setHidden(state.hidden.has(name) ? [...state.hidden].filter((other) => other !== name) : [...state.hidden, name]);
 
-const SVG = "http://www.w3.org/2000/svg";
-
-// an SVG element with attributes and children
-export function element(kind, attributes = {}, ...children) {
-  const made = document.createElementNS(SVG, kind);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  made.append(...children);
-  return made;
+/** @param {Iterable<string>} names @param {boolean} checked */
+export function setChecked(names, checked) {
+  const all = new Set(state.checked);
+  for (const name of names) checked ? all.add(name) : all.delete(name);
+  state.checked = all;
 }
 
-// an element with properties and children
-export function make(kind, properties = {}, ...children) {
-  const element = Object.assign(document.createElement(kind), properties);
-  element.append(...children);
-  return element;
-}
+/** @param {readonly string[]} names */
+export const setAlone = (names) => { state.alone = names; };
+
+/** @param {AppState["compare"]} compare */
+export const setComparison = (compare) => { state.compare = compare; };
+
+/** @param {AppState["range"]} range */
+export const setRange = (range) => { state.range = range; };
+
+/** @param {AppState["playing"]} playing */
+export const setPlaying = (playing) => { state.playing = playing; };
+
+/** @param {Selected | null} picked */
+export const setPicked = (picked) => { state.picked = picked; };
+
+/** @type {Listeners<Events>} */
+const listeners = new Listeners();
+
+/**
+ * Calls the listener for every event of this name; returns a function that ends this.
+ * @template {keyof Events} E
+ * @param {E} event
+ * @param {(what: Events[E]) => void} listener
+ */
+export const on = (event, listener) => listeners.on(event, listener);
+
+/**
+ * @template {keyof Events} E
+ * @param {E} event
+ * @param {Events[E]} what
+ */
+export const emit = (event, what) => listeners.emit(event, what);

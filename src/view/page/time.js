@@ -1,50 +1,51 @@
 // Time: the slider, steps and playback.
-import { $, app, on, value } from "./state.js";
-import { look } from "./picture.js";
+import { $, value } from "./dom.js";
+import { requestView } from "./picture.js";
+import { STEP, timeDue } from "./playback.js";
+import { app, on, setPlaying } from "./state.js";
 import { timeText } from "./units.js";
 
-const STEP = 0.01;
 function label() {
   $("now").value = timeText(value("when"));
   $("when").setAttribute("aria-valuetext", $("now").value);
   $("now").title = `${value("when").toFixed(3)} from the first (0) to the last time of the data (1)`;
 }
+/** @param {number} t */
 export function setTime(t) {
-  $("when").value = t;
+  $("when").value = String(t);
   label();
 }
-export function nudge(by) {
-  setTime(Math.min(1, Math.max(0, value("when") + by * STEP)));
-  look(true);
+/** @param {number} steps */
+export function nudge(steps) {
+  setTime(Math.min(1, Math.max(0, value("when") + steps * STEP)));
+  requestView(true);
 }
+/** @param {number} t */
 export function goTo(t) {
   setTime(t);
-  look(false);
+  requestView(false);
 }
+/** Starts or stops the playback. */
 export function play() {
-  app.playing = app.playing ? null : { from: performance.now(), at: value("when") % 1 };
+  setPlaying(app.playing ? null : { from: performance.now(), at: value("when") % 1 });
   $("play").textContent = app.playing ? "⏸" : "▶";
   $("play").setAttribute("aria-label", app.playing ? "Stop" : "Play");
   if (app.playing) step();
-  else look(false);
+  else requestView(false);
 }
-// shows the time that is due now, once a frame has arrived: a slow machine skips times and keeps the speed
+// shows the time that is due now, once a frame has arrived
 function step() {
-  const passed = (performance.now() - app.playing.from) / 1000 / Math.max(1, Number($("speed").value) || 5);
-  let t = app.playing.at + passed;
-  if (t > 1 && !$("loop").checked) {
-    setTime(1);
-    return play();
-  }
-  // on a grid, so that the second loop finds the cached Gaussians of the first
-  setTime(Math.round((t % 1) / STEP) * STEP);
-  if (!look(true)) setTimeout(() => app.playing && step(), 15);
+  if (!app.playing) return;
+  const t = timeDue(app.playing, performance.now(), value("speed") || 5, $("loop").checked);
+  setTime(t ?? 1);
+  if (t === null) return play();
+  if (!requestView(true)) setTimeout(step, 15);
 }
 $("play").onclick = play;
 $("back").onclick = () => nudge(-1);
 $("forth").onclick = () => nudge(1);
-$("when").oninput = () => { setTime($("when").value); look(true); };
-$("when").onchange = () => look(false);
+$("when").oninput = () => { label(); requestView(true); };
+$("when").onchange = () => requestView(false);
 
-on("frame", () => app.playing && step());
+on("frame", step);
 on("welcome", label);

@@ -8,10 +8,11 @@ use crate::segment::levels::Kind;
 use crate::view::jobs::board::JobState;
 use crate::view::tracks::Track;
 use crate::view::training::Training;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// A message of the server.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, JsonSchema)]
 #[serde(tag = "type", rename_all = "kebab-case")]
 pub enum Answer {
     /// The first message, sent again when the scene changes or an affinity field appears or disappears.
@@ -121,7 +122,7 @@ pub enum Answer {
 }
 
 /// Names of the units in which the page shows numbers; `normalised` where the data have none.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Units {
     /// Of lengths.
     pub length: String,
@@ -139,7 +140,7 @@ impl From<&Calibration> for Units {
 }
 
 /// A run with which the viewed one can be compared.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct OtherRun {
     /// Its short name.
     pub name: String,
@@ -152,7 +153,7 @@ pub struct OtherRun {
 }
 
 /// Segments and edits.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct Document {
     /// Grows with every change.
     pub revision: u64,
@@ -169,7 +170,7 @@ pub struct Document {
 }
 
 /// A segment in the document.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct SegmentRow {
     /// Its name.
     pub name: String,
@@ -190,7 +191,7 @@ pub struct SegmentRow {
 }
 
 /// A level that a click can mean.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct LevelOffer {
     /// What makes its Gaussians one.
     pub kind: Kind,
@@ -199,7 +200,7 @@ pub struct LevelOffer {
 }
 
 /// What is selected.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Selected {
     /// Number of the request.
     pub id: u32,

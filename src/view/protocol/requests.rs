@@ -7,15 +7,16 @@ use crate::run::view::View;
 use crate::view::compare::Compare;
 use crate::view::gizmo::Preview;
 use crate::view::jobs::task::Task;
+use schemars::JsonSchema;
 use serde::Deserialize;
 use std::num::NonZero;
 
 /// A message of a client.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, JsonSchema)]
 #[serde(tag = "type", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Request {
     /// What it wants to see.
-    View(Box<Wanted>),
+    View(Box<ViewRequest>),
     /// It has drawn a frame and all before it.
     Ack {
         /// Number of the frame.
@@ -30,7 +31,7 @@ pub enum Request {
         /// Segment to look in; the clicked one if not given.
         within: Option<String>,
         /// How much to select; the likeliest level if not given.
-        meaning: Option<Asked>,
+        meaning: Option<RequestedGranularity>,
         /// What happens to the earlier selection.
         #[serde(default)]
         combine: Combine,
@@ -40,7 +41,7 @@ pub enum Request {
         /// Number by which the answer is identified.
         id: u32,
         /// How much to select.
-        meaning: Option<Asked>,
+        meaning: Option<RequestedGranularity>,
     },
     /// The picture as a file that can be drawn again, without the selection.
     Still {
@@ -91,6 +92,7 @@ pub enum Request {
         /// Revision of the document that the client knows.
         base: u64,
         /// Its name.
+        #[schemars(with = "String")]
         name: Name,
     },
     /// Change the document.
@@ -137,9 +139,9 @@ pub enum Request {
 }
 
 /// What a client wants to see.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Wanted {
+pub struct ViewRequest {
     /// The picture.
     #[serde(flatten)]
     pub view: View,
@@ -154,9 +156,9 @@ pub struct Wanted {
 }
 
 /// How much a click selects.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, JsonSchema)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub enum Asked {
+pub enum RequestedGranularity {
     /// A level, from 1, the smallest.
     Level(NonZero<usize>),
     /// A mask scale in [0, 1] and the minimum cosine of members.
@@ -169,7 +171,7 @@ pub enum Asked {
 }
 
 /// What happens to the earlier selection when something is clicked.
-#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Combine {
     /// It is replaced.
@@ -182,7 +184,7 @@ pub enum Combine {
 }
 
 /// A change of the document.
-#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[derive(Clone, Debug, Deserialize, PartialEq, JsonSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Change {
     /// Replace all segments by segments by colour.
@@ -195,6 +197,7 @@ pub enum Change {
     /// Group several segments as one.
     Group {
         /// Name of the group.
+        #[schemars(with = "String")]
         name: Name,
         /// Its segments.
         segments: Vec<String>,
@@ -204,6 +207,7 @@ pub enum Change {
         /// Its current name.
         segment: String,
         /// Its new name.
+        #[schemars(with = "String")]
         name: Name,
     },
     /// Remove segments with their parts.
@@ -252,7 +256,7 @@ mod tests {
         assert!(read(&seen.replace("\"moving\"", "\"x\":1,\"moving\"")).is_err(), "unknown field");
         let pick = read(r#"{"type":"pick","id":1,"pixel":[3,4],"meaning":{"level":2},"combine":"add"}"#).unwrap();
         let Request::Pick { meaning, combine, within, .. } = pick else { panic!("{pick:?}") };
-        assert_eq!((meaning, combine, within), (NonZero::new(2).map(Asked::Level), Combine::Add, None));
+        assert_eq!((meaning, combine, within), (NonZero::new(2).map(RequestedGranularity::Level), Combine::Add, None));
         assert!(
             read(r#"{"type":"pick","id":1,"pixel":[3,4],"meaning":{"level":0}}"#).is_err(),
             "levels are counted from 1"

@@ -1,18 +1,18 @@
 //! Answers to requests.
 
-use super::{Renderer, Wrong};
+use super::{Refused, Renderer};
 use crate::run::keyframes::{CameraPath, SavedPath};
 use crate::run::pick;
 use crate::run::saved::{SavedView, command};
 use crate::run::segments::RunSegments;
 use crate::run::{OpenRun, RunError};
+use crate::view::background::ChangeRequest;
 use crate::view::client::Clicked;
 use crate::view::gizmo::Preview;
 use crate::view::hub::{ClientId, Outgoing};
-use crate::view::protocol::{Answer, Change, Codec, FrameInfo, Kind, Request};
+use crate::view::protocol::{Answer, Change, Codec, FrameInfo, FrameKind, Request};
 use crate::view::refusal::ChangeError;
-use crate::view::slow::Wanted;
-use crate::view::tracks;
+use crate::view::tracks::TrackRequest;
 use crate::view::workspace::coarse;
 use std::time::Instant;
 
@@ -25,7 +25,7 @@ const MAX_CAMERAS: usize = 3000;
 
 impl Renderer {
     /// Answers a request; an error comes with the request's number, if it has one.
-    pub(super) fn answer(&mut self, id: ClientId, request: Request) -> Result<(), Wrong> {
+    pub(super) fn answer(&mut self, id: ClientId, request: Request) -> Result<(), Refused> {
         let Some(client) = self.clients.get_mut(&id) else { return Ok(()) };
         match request {
             Request::View(wanted) => {
@@ -57,7 +57,7 @@ impl Renderer {
                 let bytes = SavedView::picture(run, view, PICTURE_FILE, device).map_err(wrong)?;
                 let (codec, revision) = (Codec::Png, self.space.revision());
                 let (render_ms, encode_ms) = (1e3 * started.elapsed().as_secs_f32(), 0.0);
-                let kind = Kind::Still;
+                let kind = FrameKind::Still;
                 let info = FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms };
                 client.send(Outgoing::Frame(info, bytes));
             }
@@ -96,14 +96,14 @@ impl Renderer {
             Request::Commit { id: number, base, name } => {
                 let nothing = || (Some(number), "click on something first".to_owned());
                 let (selection, Clicked { hit, picked, time, .. }) = client.clicked().cloned().ok_or_else(nothing)?;
-                let wanted = Wanted { client: id, id: number, base, selection: Some(selection) };
-                self.begin(wanted, move |run, segments| {
+                let request = ChangeRequest { client: id, id: number, base, selection: Some(selection) };
+                self.begin(request, move |run, segments| {
                     pick::commit(run, segments, &name, &hit, &picked, time).map(drop)
                 })?;
             }
             Request::Change { id: number, base, change: Change::Coarse { time, clusters } } => {
-                let wanted = Wanted { client: id, id: number, base, selection: None };
-                self.begin(wanted, move |run, segments| coarse(run, segments, time, clusters))?;
+                let request = ChangeRequest { client: id, id: number, base, selection: None };
+                self.begin(request, move |run, segments| coarse(run, segments, time, clusters))?;
             }
             Request::Change { id: number, base, change } => {
                 let done = self.space.change(base, &change);
@@ -119,8 +119,8 @@ impl Renderer {
             }
             Request::Track { id: number, segments, times } => {
                 let run = self.space.run.share();
-                let wanted = tracks::Wanted { client: id, id: number, segments, times, run };
-                self.tracks.ask(wanted).map_err(|e| (Some(number), e))?;
+                let request = TrackRequest { client: id, id: number, segments, times, run };
+                self.tracks.ask(request).map_err(|e| (Some(number), e))?;
             }
             Request::Pause { id: number, pause } => {
                 self.space.can_pause().map_err(|e| (Some(number), e.to_string()))?.pause(pause);
@@ -138,27 +138,27 @@ impl Renderer {
     /// Begins a change of the segments that takes long.
     fn begin(
         &mut self,
-        wanted: Wanted,
+        request: ChangeRequest,
         change: impl FnOnce(&OpenRun, &mut RunSegments) -> Result<(), RunError> + Send + 'static,
-    ) -> Result<(), Wrong> {
-        match self.space.copy(wanted.base) {
+    ) -> Result<(), Refused> {
+        match self.space.copy(request.base) {
             Ok((run, segments)) => {
-                self.slow.begin(wanted, run, segments, change).map_err(|e| (Some(wanted.id), e.to_string()))
+                self.background.begin(request, run, segments, change).map_err(|e| (Some(request.id), e.to_string()))
             }
-            Err(error) => self.ended(wanted.client, wanted.id, Err(error)),
+            Err(error) => self.ended(request.client, request.id, Err(error)),
         }
     }
 
     /// Adopts the changes that were finished meanwhile.
     pub(super) fn take_changes(&mut self) {
-        while let Some((wanted, found)) = self.slow.news() {
-            self.take_change(wanted, found);
+        while let Some((request, found)) = self.background.finished() {
+            self.take_change(request, found);
         }
     }
 
     /// Adopts a change, unless the document changed meanwhile.
-    pub(super) fn take_change(&mut self, wanted: Wanted, found: Result<RunSegments, RunError>) {
-        let Wanted { client: id, id: number, base, selection } = wanted;
+    pub(super) fn take_change(&mut self, request: ChangeRequest, found: Result<RunSegments, RunError>) {
+        let ChangeRequest { client: id, id: number, base, selection } = request;
         let done = found.map_err(ChangeError::from).and_then(|segments| self.space.adopt(base, segments));
         if let (Ok(()), Some(selection), Some(client)) = (&done, selection, self.clients.get_mut(&id)) {
             client.clear_selection(selection);
@@ -169,7 +169,7 @@ impl Renderer {
     }
 
     /// Reports a change to all clients, or to the one that requested it why it is refused.
-    fn ended(&mut self, id: ClientId, number: u32, done: Result<(), ChangeError>) -> Result<(), Wrong> {
+    fn ended(&mut self, id: ClientId, number: u32, done: Result<(), ChangeError>) -> Result<(), Refused> {
         if matches!(done, Ok(()) | Err(ChangeError::Stale)) {
             self.tell_document();
         }

@@ -9,7 +9,7 @@ use crate::view::compare::{Compare, Side};
 use crate::view::encode::Picture;
 use crate::view::hub::{ClientId, Outgoing};
 use crate::view::pace::Next;
-use crate::view::protocol::{Answer, Codec, FrameInfo, Kind, View};
+use crate::view::protocol::{Answer, Codec, FrameInfo, FrameKind, View};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
 
@@ -75,7 +75,7 @@ impl Renderer {
             (Compare::Image { view: number }, None) if client.image != Some(number) => {
                 let image = self.space.run.test_image(number)?;
                 client.image = Some(number);
-                let info = self.info(Kind::Image, number as u32, view.time, 0.0);
+                let info = self.info(FrameKind::Image, number as u32, view.time, 0.0);
                 Picture::new(info, image, None)
             }
             _ => return Ok(0.0),
@@ -101,7 +101,7 @@ impl Renderer {
         let started = Instant::now();
         let camera = view.camera(part);
         let number = client.frame.wrapping_add(1);
-        let kind = if side == Side::Picture { Kind::Picture } else { Kind::Other };
+        let kind = if side == Side::Picture { FrameKind::Picture } else { FrameKind::Other };
         let dragged = client.preview.is_some() && side == Side::Picture;
         let (look, key) = client.look(space, view, side)?;
         let (scene, device) = (&space.run.scene, &space.device);
@@ -128,7 +128,7 @@ impl Renderer {
         Ok(Picture::new(self.info(kind, number, view.time, render_ms), rgb, quality))
     }
 
-    fn info(&self, kind: Kind, number: u32, time: f64, render_ms: f32) -> FrameInfo {
+    fn info(&self, kind: FrameKind, number: u32, time: f64, render_ms: f32) -> FrameInfo {
         // the picture sets codec, size and encoding time
         let (codec, size, encode_ms, revision) = (Codec::Png, [0; 2], 0.0, self.space.revision());
         FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms }

@@ -4,6 +4,7 @@
 mod answer;
 mod draw;
 
+use super::background::BackgroundChanges;
 use super::cache::Cache;
 use super::client::Client;
 use super::compare::Side;
@@ -14,7 +15,6 @@ use super::others::Other;
 use super::pace::Next;
 use super::protocol::Answer;
 use super::share::Share;
-use super::slow::Slow;
 use super::tracks::Tracks;
 use super::training::Watch;
 use super::workspace::Workspace;
@@ -31,7 +31,7 @@ const CHECK_PERIOD: Duration = Duration::from_millis(500);
 const MAX_AGE_MOVING: Duration = Duration::from_secs(3);
 
 /// Why a request is refused, with its number if it has one.
-type Wrong = (Option<u32>, String);
+type Refused = (Option<u32>, String);
 
 /// The state of the drawing thread.
 #[derive(Debug)]
@@ -45,7 +45,7 @@ pub struct Renderer {
     last: ClientId,
     jobs: Jobs,
     tracks: Tracks,
-    slow: Slow,
+    background: BackgroundChanges,
     watch: Watch,
     /// What was announced to clients about the scene: its step, and whether there is an affinity field.
     announced: (Option<usize>, bool),
@@ -65,7 +65,8 @@ impl Renderer {
     /// they compare. Deformed Gaussians are cached, up to `cache` bytes for all together.
     #[must_use]
     pub fn new(space: Workspace, others: Vec<Other>, cache: usize, hub: Arc<Hub>) -> Self {
-        let (jobs, tracks, slow) = (Jobs::new(hub.clone()), Tracks::new(hub.clone()), Slow::new(hub.clone()));
+        let (jobs, tracks, background) =
+            (Jobs::new(hub.clone()), Tracks::new(hub.clone()), BackgroundChanges::new(hub.clone()));
         let (watch, announced) = (Watch::default(), (space.run.step(), space.field().is_some()));
         // without a thread of its own, drawing is not limited
         let share = space.live().and_then(|_| Share::new().ok()).map(Arc::new);
@@ -79,7 +80,7 @@ impl Renderer {
             last,
             jobs,
             tracks,
-            slow,
+            background,
             watch,
             announced,
             hub,
@@ -110,7 +111,7 @@ impl Renderer {
         for (id, event) in events {
             self.handle(id, event);
         }
-        let news = self.space.live().is_some_and(|live| live.news());
+        let news = self.space.live().is_some_and(|live| live.has_news());
         if news || self.looked.elapsed() > CHECK_PERIOD {
             self.looked = Instant::now();
             self.look_at_files();
@@ -148,8 +149,8 @@ impl Renderer {
     /// Announces that the viewer ends; after a training, each window first gets the last scene in its own view.
     fn close(mut self) {
         // requested changes are finished first
-        while let Some((wanted, found)) = self.slow.wait() {
-            self.take_change(wanted, found);
+        while let Some((request, found)) = self.background.wait() {
+            self.take_change(request, found);
         }
         let mut message = "The viewer was closed.".to_owned();
         if let Some(ended) = self.space.live().and_then(|live| live.ended()) {
@@ -166,7 +167,7 @@ impl Renderer {
 
     fn handle(&mut self, id: ClientId, event: Event) {
         match event {
-            Event::Came(out) => {
+            Event::Connected(out) => {
                 let mut client = Client::new(out);
                 client.answer(self.welcome());
                 client.answer(Answer::Document(Box::new(self.space.document())));
@@ -178,11 +179,11 @@ impl Renderer {
                 }
                 self.clients.insert(id, client);
             }
-            Event::Left => {
+            Event::Disconnected => {
                 self.tracks.forget(id);
                 self.clients.remove(&id);
             }
-            Event::Said(request) => {
+            Event::Message(request) => {
                 // the other clients go on, whatever goes wrong here
                 let answered = catch_unwind(AssertUnwindSafe(|| self.answer(id, *request)));
                 let wrong = answered
@@ -276,7 +277,7 @@ impl Renderer {
     /// Reports the progress of the run's training, at once if that is `urgent`.
     fn tell_of_training(&mut self, urgent: bool) {
         let live = self.space.live().map(|live| live.progress());
-        if let Some(training) = self.watch.look(&self.space.run, live, urgent) {
+        if let Some(training) = self.watch.check(&self.space.run, live, urgent) {
             let news = Answer::Training(Box::new(training.clone()));
             self.tell_all(&news);
         }
@@ -284,7 +285,7 @@ impl Renderer {
 
     /// Reports the progress of a job; when it has ended, after what it made.
     fn tell_of_job(&mut self) {
-        let Some(state) = self.jobs.news() else { return };
+        let Some(state) = self.jobs.changed() else { return };
         if state.end.is_some() {
             self.look_at_files();
         }
@@ -293,7 +294,7 @@ impl Renderer {
 
     /// Sends tracks to the clients that requested them.
     fn tell_of_tracks(&mut self) {
-        while let Some((id, found)) = self.tracks.news() {
+        while let Some((id, found)) = self.tracks.finished() {
             let Some(client) = self.clients.get_mut(&id) else { continue };
             client.answer(match found {
                 Ok(track) => Answer::Track(Box::new(track)),

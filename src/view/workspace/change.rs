@@ -10,7 +10,7 @@ use crate::segment::coarse::CoarseOptions;
 use crate::segment::segmentation::renamed;
 use crate::view::order::{Stack, Steps};
 use crate::view::protocol::Change;
-use crate::view::reading::seen;
+use crate::view::reading::stamps;
 use crate::view::refusal::ChangeError;
 use std::time::Duration;
 
@@ -97,7 +97,7 @@ impl Workspace {
             // edits of a renamed segment now have its new name
             self.edits = self.run.edits()?;
         }
-        let before = std::mem::replace(&mut self.seen, seen(&self.run));
+        let before = std::mem::replace(&mut self.seen, stamps(&self.run));
         self.note(steps, before);
         (self.renamed, self.revision) = (names, self.revision + 1);
         drop(lock);

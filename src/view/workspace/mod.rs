@@ -7,7 +7,7 @@ pub use change::coarse;
 
 use super::live::Live;
 use super::order::{Order, Stack, Steps};
-use super::reading::{Newer, Read, Seen, field, seen};
+use super::reading::{Newer, Read, Stamps, field, stamps};
 use super::refusal::ChangeError;
 use crate::data::Surroundings;
 use crate::edit::EditStack;
@@ -48,7 +48,7 @@ pub struct Workspace {
     /// The order in which segments and edits changed.
     order: Order,
     /// The stamps of the files when they were read.
-    seen: Seen,
+    seen: Stamps,
     read_only: bool,
     /// The training of the run, if it goes on in this process.
     live: Option<Arc<Live>>,
@@ -92,7 +92,7 @@ impl Workspace {
     /// If its record lacks the cameras of its dataset, which cannot be read.
     pub fn in_training(run: OpenRun, live: Arc<Live>, device: &Device, read_only: bool) -> Result<Self, RunError> {
         let (segments, edits, order) = (RunSegments::none(&run), EditStack::default(), Order::default());
-        let (device, seen) = (device.clone(), Seen::default());
+        let (device, seen) = (device.clone(), Stamps::default());
         let (follows, newest, fault, field, revision) = (false, None, None, None, 1);
         let (newer, renamed, around) = (Newer::default(), Vec::new(), run.record.surroundings);
         live.shows(run.step().unwrap_or_default(), run.scene.gaussians.count());
@@ -211,7 +211,7 @@ impl Workspace {
             // what the files hold may belong to that state of the scene
             return Ok(false);
         }
-        let now = seen(&self.run);
+        let now = stamps(&self.run);
         if now == self.seen {
             return Ok(false);
         }
@@ -288,7 +288,7 @@ impl Workspace {
 
     /// Records which of the two histories changed since they had these steps and the files had the stamps `before`; if
     /// both did, first the one whose file was written first.
-    fn note(&mut self, [segments, edits]: [Steps; 2], before: Seen) {
+    fn note(&mut self, [segments, edits]: [Steps; 2], before: Stamps) {
         let now = self.steps();
         let mut changed = [(Stack::Segments, 0, segments, now[0]), (Stack::Edits, 1, edits, now[1])];
         changed.sort_by_key(|(_, file, ..)| self.seen[*file]);
@@ -296,7 +296,7 @@ impl Workspace {
             // edits that were only adapted to a new name have not changed
             let only_names = stack == Stack::Edits && before_it == after_it;
             if self.seen[file] != before[file] && !only_names {
-                self.order.saw(stack, before_it, after_it);
+                self.order.record(stack, before_it, after_it);
             }
         }
     }

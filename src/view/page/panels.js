@@ -1,6 +1,7 @@
 // The foldable parts of the panel; a window keeps their state when it is reloaded.
 const KEY = "parts";
-const parts = [...document.querySelectorAll("details.part")];
+const parts = [.../** @type {NodeListOf<HTMLDetailsElement>} */ (document.querySelectorAll("details.part"))];
+/** @type {Record<string, boolean>} */
 const kept = JSON.parse(sessionStorage.getItem(KEY) ?? "{}");
 
 for (const part of parts) {
@@ -8,11 +9,12 @@ for (const part of parts) {
   part.addEventListener("toggle", () => sessionStorage.setItem(KEY, JSON.stringify(Object.fromEntries(parts.map((p) => [p.id, p.open])))));
 }
 
-// whether the state of a part was kept from before
-export const wasLeft = (id) => id in kept;
+/** Whether the state of a part was kept from before. @param {string} id */
+export const wasKept = (id) => id in kept;
 
-// shows an element, and opens the part that contains it
+/** Shows an element, and opens the part that contains it. @param {HTMLElement} element */
 export function reveal(element) {
   element.hidden = false;
-  element.closest("details").open = true;
+  const part = element.closest("details");
+  if (part) part.open = true;
 }

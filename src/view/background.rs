@@ -14,7 +14,7 @@ const MAX_AT_ONCE: usize = 4;
 
 /// Who requested a change, and of what.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Wanted {
+pub struct ChangeRequest {
     /// The client.
     pub client: ClientId,
     /// Number by which the answer is identified.
@@ -26,16 +26,16 @@ pub struct Wanted {
 }
 
 /// The segments after a change, not saved yet, or why there is none.
-type Found = Result<RunSegments, RunError>;
+type ChangeResult = Result<RunSegments, RunError>;
 
 /// The changes that are being computed.
 #[derive(Debug)]
-pub struct Slow {
+pub struct BackgroundChanges {
     hub: Arc<Hub>,
-    running: Vec<(Wanted, Receiver<Found>)>,
+    running: Vec<(ChangeRequest, Receiver<ChangeResult>)>,
 }
 
-impl Slow {
+impl BackgroundChanges {
     /// Starts without any; `hub` wakes the drawing thread.
     #[must_use]
     pub fn new(hub: Arc<Hub>) -> Self {
@@ -48,7 +48,7 @@ impl Slow {
     /// If too many are under way, or the system gives no thread.
     pub fn begin(
         &mut self,
-        wanted: Wanted,
+        request: ChangeRequest,
         run: OpenRun,
         mut segments: RunSegments,
         change: impl FnOnce(&OpenRun, &mut RunSegments) -> Result<(), RunError> + Send + 'static,
@@ -65,31 +65,31 @@ impl Slow {
             hub.wake();
         };
         std::thread::Builder::new().name("segments".into()).spawn(work).map_err(RunError::failure)?;
-        self.running.push((wanted, found));
+        self.running.push((request, found));
         Ok(())
     }
 
     /// Returns a finished change; of several, the one that was requested first.
-    pub fn news(&mut self) -> Option<(Wanted, Found)> {
-        for (place, (wanted, found)) in self.running.iter().enumerate() {
-            let news = match found.try_recv() {
-                Ok(found) => (*wanted, found),
+    pub fn finished(&mut self) -> Option<(ChangeRequest, ChangeResult)> {
+        for (index, (request, found)) in self.running.iter().enumerate() {
+            let result = match found.try_recv() {
+                Ok(found) => (*request, found),
                 Err(TryRecvError::Empty) => continue,
-                Err(TryRecvError::Disconnected) => (*wanted, Err(failed())),
+                Err(TryRecvError::Disconnected) => (*request, Err(failed())),
             };
-            self.running.remove(place);
-            return Some(news);
+            self.running.remove(index);
+            return Some(result);
         }
         None
     }
 
     /// Waits for the change that was requested first of those under way.
-    pub fn wait(&mut self) -> Option<(Wanted, Found)> {
+    pub fn wait(&mut self) -> Option<(ChangeRequest, ChangeResult)> {
         if self.running.is_empty() {
             return None;
         }
-        let (wanted, found) = self.running.remove(0);
-        Some((wanted, found.recv().unwrap_or_else(|_| Err(failed()))))
+        let (request, found) = self.running.remove(0);
+        Some((request, found.recv().unwrap_or_else(|_| Err(failed()))))
     }
 }
 
