@@ -4,8 +4,7 @@ import { pictureFov } from "./camera.js";
 import { KINDS, header, picture } from "./frame.js";
 import { answered, hear, send } from "./socket.js";
 import { app, emit } from "./state.js";
-/** @import { ViewRequest } from "./protocol" */
-/** @import { Camera, Vec2, Welcome } from "./types" */
+/** @import { Camera, RequestOf, Vec2, Welcome } from "./types" */
 
 const context = context2d(canvas, { willReadFrequently: true });
 let lastView = "";
@@ -21,10 +20,10 @@ export function size() {
   return [side(Math.floor(box.width / columns)), side(box.height)];
 }
 
-/** @param {Camera} camera @param {Welcome} welcome @param {boolean} moving @returns {ViewRequest} */
+/** @param {Camera} camera @param {Welcome} welcome @param {boolean} moving @returns {RequestOf<"view">} */
 function view(camera, welcome, moving) {
   return {
-    ...camera.state(), fov: pictureFov(camera.fov, size(), welcome.size), size: size(), time: value("when"),
+    type: "view", ...camera.state(), fov: pictureFov(camera.fov, size(), welcome.size), size: size(), time: value("when"),
     look: $("look").value, palette: $("palette").value || null,
     alone: [...app.alone], hidden: [...app.hidden], edits: $("edits-on").checked, preview: app.preview, range: app.range,
     moving, compare: app.compare,
@@ -52,7 +51,7 @@ export function requestView(moving) {
   if (text === lastView) return false;
   lastView = text;
   stale();
-  send({ type: "view", ...wanted });
+  send(wanted);
   clearTimeout(resting);
   resting = setTimeout(moving ? () => requestView(false) : () => emit("rested", undefined), moving ? 200 : 300);
   return true;
