@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use volseggs::device::DeviceName;
+use volseggs::model::ToKernel;
 use volseggs::run::OpenRun;
 use volseggs::run::look::{Look, Show};
 use volseggs::run::selection::Selection;

@@ -7,48 +7,26 @@
 #![deny(clippy::print_stdout, clippy::print_stderr)] // they panic on a closed pipe; see `terminal`
 
 #[macro_use]
-pub mod terminal;
+extern crate volseggs_base;
 
 pub mod cli;
 pub mod compare;
-pub mod config;
-mod csv;
-pub mod data;
 pub mod demo;
-pub mod device;
-pub mod draw;
-pub mod durations;
-pub mod edit;
 pub mod eval;
-pub mod export;
 pub mod extend;
-pub mod files;
-pub mod log;
-pub mod memory;
 pub mod method;
-pub mod metrics;
-pub mod model;
-pub mod name;
-mod nesting;
-pub mod points;
-pub mod prepare;
-pub mod process;
-pub mod program;
-mod registry;
-pub mod report;
-pub mod rng;
 pub mod run;
-pub mod segment;
-pub mod shell;
 pub mod sweep;
-pub mod tensors;
-pub mod track;
-pub mod train;
-pub mod versioned;
 #[cfg(feature = "view")]
 pub mod view;
-pub mod volume;
-pub mod words;
+
+use volseggs_base::{csv, nesting, registry, terminal};
+pub use volseggs_base::{
+    draw, durations, files, log, memory, name, points, process, program, report, rng, shell, tensors, versioned, words,
+};
+pub use volseggs_core::{config, device, export, metrics, model, train};
+pub use volseggs_segment::{edit, segment, track};
+pub use volseggs_volume::{data, prepare, volume};
 
 /// The tensor library used in this crate's signatures, re-exported in its exact version.
 pub use burn;

@@ -16,6 +16,7 @@ use volseggs::config::types::Config;
 use volseggs::device::DeviceName;
 use volseggs::extend;
 use volseggs::metrics::psnr::psnr;
+use volseggs::model::ToKernel;
 use volseggs::run::{AnyRun, OpenRun};
 use volseggs::train::open_dataset;
 use volseggs::train::run::{RunContext, RunOptions, RunOutcome, Start};

@@ -23,6 +23,7 @@ use volseggs::data::{Dataset, OpenOptions};
 use volseggs::device::DeviceName;
 use volseggs::extend::{self, EncoderDefinition, LossInput, LossTerm, Metric, MetricInput, Parameters, Schedule};
 use volseggs::model::Scene;
+use volseggs::model::ToKernel;
 use volseggs::model::params::{collect, to_vec};
 use volseggs::rng::{Purpose, Rng};
 use volseggs::train::schedule::{Stage, learning_rate};

@@ -10,6 +10,7 @@ use std::time::Instant;
 use volseggs::config::preset;
 use volseggs::config::types::{Bounds, Config, DensifyMode, Placement};
 use volseggs::data::{Camera, Dataset, OpenOptions};
+use volseggs::model::ToKernel;
 use volseggs::model::params::to_vec;
 use volseggs::train::Trainer;
 

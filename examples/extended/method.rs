@@ -7,6 +7,7 @@ use volseggs::burn::tensor::{Device, Tensor, TensorData};
 use volseggs::config::types::Config;
 use volseggs::data::Dataset;
 use volseggs::extend::{Network, PinholeCamera, Seen};
+use volseggs::model::ToKernel;
 use volseggs::rng::{Purpose, Rng};
 
 /// Direction to the camera, time, column and row.

@@ -8,7 +8,7 @@ use crate::draw::views::view_sheet;
 use crate::eval::segments::{Lifted, Method, SegmentEvaluation, SegmentOptions, evaluate_segments, write_results};
 use crate::export::images::to_rgb8;
 use crate::files::AtomicDir;
-use crate::model::HostGaussians;
+use crate::model::{HostGaussians, ToKernel};
 use crate::name::Name;
 use crate::run::segments::{RunSegments, by_colour};
 use crate::run::{OpenRun, RunError, affinity};

@@ -9,6 +9,7 @@ use crate::eval::results::psnr_over_time;
 use crate::export::images::{encode_png, to_rgb8};
 use crate::files::RunPaths;
 use crate::memory::MIB;
+use crate::model::ToKernel;
 use crate::report::{Block, Number, Report, Section};
 use crate::shell;
 use crate::versioned;

@@ -12,7 +12,7 @@ use crate::data::Split;
 use crate::metrics::lpips::{Lpips, LpipsNet};
 use crate::metrics::psnr::{max_psnr_of_pictures, psnr_of_pictures, to_8_bits};
 use crate::metrics::ssim::{ssim_gray, ssim_rgb};
-use crate::model::Model;
+use crate::model::{Model, ToKernel};
 use image::RgbImage;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,8 +1,8 @@
 //! Drawing speed of a model, measured in two ways: as a viewer draws it, and with each image copied to the host.
 
 use crate::data::Split;
-use crate::model::Model;
 use crate::model::params::to_vec;
+use crate::model::{Model, ToKernel};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 

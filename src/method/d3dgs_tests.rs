@@ -4,10 +4,10 @@ use super::Training;
 use super::test_support::{ball, changed, check_checkpoint, device, stepped};
 use crate::config::types::Config;
 use crate::data::Dataset;
-use crate::data::dataset::tests::dataset;
+use crate::data::fixture::write_sphere_dataset;
 use crate::method;
-use crate::model::Scene;
 use crate::model::params::{HostTensor, to_vec};
+use crate::model::{Scene, ToKernel};
 use crate::train::open_dataset;
 use std::collections::BTreeMap;
 
@@ -73,7 +73,8 @@ fn a_resumed_training_has_the_bits_of_one_that_was_not_stopped() {
 
 #[test]
 fn one_image_is_learnt_by_heart_and_the_file_draws_it() {
-    let root = dataset(6, 16);
+    let root = tempfile::tempdir().unwrap();
+    write_sphere_dataset(root.path(), 6, 16).unwrap();
     let more = [
         "data.times=1",
         "data.views_per_time=1",

@@ -77,6 +77,7 @@ impl ViewSphere {
 mod tests {
     use super::*;
     use crate::data::{self, Frame, ImageSet, SplitName};
+    use crate::model::ToKernel;
 
     fn split(up: DVec3, centre: DVec3) -> Split {
         let eyes = [(1.0, 2.0, 3.0), (-2.0, 1.0, 0.5), (0.3, -2.0, -1.0), (2.0, 0.1, -2.0)];

@@ -4,16 +4,25 @@ use super::{Method, Model, Training};
 use crate::config::PRESETS;
 use crate::config::layers::Layers;
 use crate::config::types::Config;
-use crate::data::dataset::{OpenOptions, tests::dataset};
+use crate::data::dataset::OpenOptions;
+use crate::data::fixture::write_sphere_dataset;
 use crate::data::{Dataset, Split};
 use crate::device::DeviceName;
 use crate::method;
+use crate::model::ToKernel;
 use crate::model::params::{HostTensor, to_vec};
 use crate::train::Saved;
 use crate::train::checkpoint::{self, State};
 use burn::tensor::{Device, Tensor, TensorData};
 use std::collections::BTreeMap;
 use std::path::Path;
+
+/// Opens a compiled-in device for `volseggs_testing::on_every_device`; returns `None`, after reporting it, if it does
+/// not start.
+pub(super) fn open_to_test(name: &str) -> Option<Device> {
+    let device = name.parse().and_then(DeviceName::open);
+    device.map_err(|error| volseggs_testing::skip_device(name, &error.to_string())).ok()
+}
 
 /// The first compiled-in device.
 pub(super) fn device() -> Device {
@@ -38,7 +47,8 @@ pub(super) fn stepped(training: &mut dyn Training, data: &Dataset, steps: usize)
 
 /// `views` views of a ball, `size` pixels square, at two times.
 pub(super) fn ball(views: usize, size: u32) -> Dataset {
-    let folder = dataset(views, size);
+    let folder = tempfile::tempdir().unwrap();
+    write_sphere_dataset(folder.path(), views, size).unwrap();
     Dataset::open(folder.path(), &OpenOptions::default()).unwrap()
 }
 

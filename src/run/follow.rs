@@ -4,6 +4,7 @@ use super::selection::Selection;
 use super::{OpenRun, RunError};
 use crate::data::{Calibration, Camera, SplitName, Transforms};
 use crate::memory::{Budget, product};
+use crate::model::ToKernel;
 use crate::name::Name;
 use crate::segment::pictures::draw;
 use crate::segment::segmentation::Origin;

@@ -8,6 +8,7 @@ use crate::data::calibration::Calibration;
 use crate::export::exr;
 use crate::export::npy::NpyWriter;
 use crate::files::write_named;
+use crate::model::ToKernel;
 use crate::model::params::to_vec;
 use crate::segment::pictures::{mean_values, picture};
 use crate::track::velocity::{Component, velocities};

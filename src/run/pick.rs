@@ -7,7 +7,7 @@ use super::segments::RunSegments;
 use super::{OpenRun, RunError};
 use crate::data::Camera;
 use crate::model::params::to_vec;
-use crate::model::{HostGaussians, Rendering};
+use crate::model::{HostGaussians, Rendering, ToKernel};
 use crate::name::Name;
 use crate::segment::candidates::{Candidates, Found, Surroundings};
 use crate::segment::click::{heaviest, under};

@@ -8,6 +8,7 @@ use super::view::View;
 use super::{OpenRun, RunError};
 use crate::export::images::{encode_png_with, to_rgb8};
 use crate::files::open_regular;
+use crate::model::ToKernel;
 use crate::shell;
 use crate::versioned::{self, FORMAT};
 use crate::words::plain;

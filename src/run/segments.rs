@@ -8,7 +8,7 @@ use crate::edit::EditStack;
 use crate::export::images::{encode_png, to_rgb8};
 use crate::files::write_atomic;
 use crate::memory::Budget;
-use crate::model::HostGaussians;
+use crate::model::{HostGaussians, ToKernel};
 use crate::name::Name;
 use crate::points::kmeans;
 use crate::segment::coarse::{Coarse, CoarseOptions, coarse};

@@ -5,7 +5,7 @@ use super::{OpenRun, RunError, affinity};
 use crate::data::Surroundings;
 use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
-use crate::model::HostGaussians;
+use crate::model::{HostGaussians, ToKernel};
 use crate::name::Name;
 use crate::points::PointsError;
 use crate::segment::fine::extract::{Clustering, cluster};

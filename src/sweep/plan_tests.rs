@@ -315,7 +315,8 @@ fn every_sweep_file_of_the_repository_can_be_planned() {
 
 #[test]
 fn changed_test_views_or_ground_truth_are_measured_again_without_training() {
-    let data = crate::data::dataset::tests::dataset(4, 8);
+    let data = tempfile::tempdir().unwrap();
+    crate::data::fixture::write_sphere_dataset(data.path(), 4, 8).unwrap();
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("one.toml");
     std::fs::write(&path, format!("config = 'demo'\n[data]\nballs = '{}'\n", data.path().display())).unwrap();

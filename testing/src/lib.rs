@@ -7,6 +7,8 @@
 
 mod devices;
 mod need;
+mod random;
 
 pub use devices::skip_device;
 pub use need::{Need, python_with, skip, test_data};
+pub use random::generator;

@@ -4,6 +4,7 @@ use crate::data::{labels, png, with_checksums};
 use crate::driver::{Target, accepted, fuzz};
 use image::Luma;
 use std::path::Path;
+use volseggs::model::ToKernel;
 use volseggs::segment::masks::handout::{self, Handout};
 use volseggs::segment::masks::source::foreign::Foreign;
 use volseggs::segment::masks::source::{MaskSource, Seen};

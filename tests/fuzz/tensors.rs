@@ -17,6 +17,7 @@ use volseggs::method::sphere::ViewSphere;
 use volseggs::method::visnerf::{VisNerf, VisNerfSpec};
 use volseggs::metrics::lpips::Lpips;
 use volseggs::model::HostGaussians;
+use volseggs::model::ToKernel;
 use volseggs::model::params::{self, HostTensor};
 use volseggs::model::scene_file::{read_tensors, write_tensors};
 use volseggs::model::{Scene, SceneSpec};

@@ -4,6 +4,7 @@ use crate::data::with_checksums;
 use crate::driver::{Target, accepted, fuzz};
 use image::RgbImage;
 use volseggs::export::images::encode_png_with;
+use volseggs::model::ToKernel;
 use volseggs::run::cameras::SIDE;
 use volseggs::run::keyframes::SavedPath;
 use volseggs::run::saved::{KEYWORD, SavedView};

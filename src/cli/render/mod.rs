@@ -12,6 +12,7 @@ use super::{CliError, Common, print_json, stop_flag};
 use crate::data::Camera;
 use crate::files::same_file;
 use crate::log::progress;
+use crate::model::ToKernel;
 use crate::run::frames::{Background, Draw, Frames, Record, check_name, film, is_film};
 use crate::run::look::{Legend, Look};
 use crate::run::numbers::{self, NumberFormat};

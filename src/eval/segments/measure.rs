@@ -5,7 +5,7 @@ use super::truth::{TruthFrame, TruthImage};
 use crate::metrics::lpips::{Lpips, LpipsNet};
 use crate::metrics::psnr::{psnr_of_pictures, to_8_bits};
 use crate::metrics::ssim::{ssim_gray, ssim_rgb};
-use crate::model::{HostGaussians, Rendering};
+use crate::model::{HostGaussians, Rendering, ToKernel};
 use crate::segment::pictures::draw;
 use burn::tensor::Device;
 use serde::Serialize;

@@ -5,7 +5,7 @@
 
 use super::click::Click;
 use super::truth::Labelled;
-use crate::model::{HostGaussians, Rendering};
+use crate::model::{HostGaussians, Rendering, ToKernel};
 use crate::rng::{Purpose, Rng};
 use crate::segment::click::{seen, under};
 use burn::tensor::Device;

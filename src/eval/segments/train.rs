@@ -8,7 +8,7 @@ use super::setting::Setting;
 use super::truth::{Labelled, labelled};
 use crate::data::Truth;
 use crate::data::paths::{Lens, Sphere, biased, training_cameras};
-use crate::model::{HostGaussians, Scene};
+use crate::model::{HostGaussians, Scene, ToKernel};
 use crate::segment::baselines::saga::{self, SagaError, SagaModel};
 use crate::segment::baselines::sagd::SagdView;
 use crate::segment::coarse::{Coarse, CoarseOptions, ColourSpace, coarse};

@@ -9,6 +9,7 @@ use crate::method::Work;
 use crate::method::network::{Network, Seen};
 use crate::method::pixels::Pixels;
 use crate::method::sphere::ViewSphere;
+use crate::model::ToKernel;
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::DVec3;

@@ -59,4 +59,4 @@ fn numbers_are_those_of_the_official_code(device: Device) {
     close("colour", &colours, &COLOURS);
 }
 
-volseggs_testing::on_every_device!(crate::device::open_to_test => numbers_are_those_of_the_official_code);
+volseggs_testing::on_every_device!(crate::method::test_support::open_to_test => numbers_are_those_of_the_official_code);

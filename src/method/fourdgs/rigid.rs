@@ -157,7 +157,7 @@ mod tests {
     }
 
     volseggs_testing::on_every_device!(
-        crate::device::open_to_test =>
+        crate::method::test_support::open_to_test =>
         the_loss_and_its_gradient_are_those_of_the_formula,
         equal_velocities_and_lone_points_leave_finite_gradients,
     );

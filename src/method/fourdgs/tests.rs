@@ -353,7 +353,7 @@ fn a_gaussian_with_all_its_colours_has_161_numbers() {
 }
 
 volseggs_testing::on_every_device!(
-    crate::device::open_to_test =>
+    crate::method::test_support::open_to_test =>
     numbers_at_a_time_are_those_of_the_reference,
     gradients_of_what_is_drawn_are_difference_quotients,
     gradients_of_a_picture_are_difference_quotients,

@@ -9,7 +9,7 @@ use crate::config::types::methods::FourDgsConfig;
 use crate::data::{Dataset, Split};
 use crate::memory::Budget;
 use crate::model::params::{self, HostTensor, to_vec};
-use crate::model::{Model, Rendering};
+use crate::model::{Model, Rendering, ToKernel};
 use crate::rng::{Purpose, Rng};
 use crate::train::budget::{ViewSizes, check_memory};
 use crate::train::check::{Background, check_device, parse_background};

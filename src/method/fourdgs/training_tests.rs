@@ -5,12 +5,12 @@ use super::rotation_matrices;
 use super::rows::apply;
 use crate::config::types::Config;
 use crate::data::Dataset;
-use crate::data::dataset::tests::dataset;
+use crate::data::fixture::write_sphere_dataset;
 use crate::method::test_support::{ball, changed, check_checkpoint, device, stepped};
 use crate::method::{self, Training};
-use crate::model::Model;
 use crate::model::params::{HostTensor, to_vec};
 use crate::model::scene_file::{read_tensors, write_tensors};
+use crate::model::{Model, ToKernel};
 use crate::rng::{Purpose, Rng};
 use crate::train::densify::Row;
 use crate::train::open_dataset;
@@ -97,7 +97,8 @@ fn the_number_of_threads_does_not_change_a_bit() {
 
 #[test]
 fn one_image_is_learnt_by_heart_and_the_file_draws_it() {
-    let root = dataset(6, 16);
+    let root = tempfile::tempdir().unwrap();
+    write_sphere_dataset(root.path(), 6, 16).unwrap();
     let more = [
         "data.times=1",
         "data.views_per_time=1",

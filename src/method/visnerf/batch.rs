@@ -5,6 +5,7 @@ use super::model::VisNerf;
 use super::rays::RayCamera;
 use crate::data::Split;
 use crate::method::pixels::{Pixel, Pixels};
+use crate::model::ToKernel;
 use crate::rng::{Purpose, Rng};
 use burn::tensor::Device;
 use volseggs_kernels::march::{Ray, Samples, sample};

@@ -33,6 +33,7 @@ impl RayCamera {
 mod tests {
     use super::*;
     use crate::data;
+    use crate::model::ToKernel;
     use glam::{DVec2, DVec3};
 
     #[test]

@@ -4,6 +4,7 @@ use crate::config::types::methods::VisNerfConfig;
 use crate::data::Dataset;
 use crate::method::test_support::{ball, check_resume, check_threads, device, error_of, preset, psnr};
 use crate::method::{Method, Model};
+use crate::model::ToKernel;
 use crate::model::params::to_vec;
 
 fn config(steps: usize) -> Config {

@@ -11,7 +11,7 @@ use crate::data::hull::Aabb;
 use crate::data::paths::{Sphere, training_cameras};
 use crate::metrics::psnr::psnr;
 use crate::model::params::to_vec;
-use crate::model::{Gaussians, HostGaussians, Model, Rendering, Scene};
+use crate::model::{Gaussians, HostGaussians, Model, Rendering, Scene, ToKernel};
 use crate::rng::{Purpose, Rng};
 use crate::run::{OpenRun, RunError};
 use crate::train::optimizer::{AdamConstants, Optimizer};

@@ -2,6 +2,7 @@
 
 use super::Renderer;
 use crate::export::images::to_rgb8;
+use crate::model::ToKernel;
 use crate::run::RunError;
 use crate::run::look::Look;
 use crate::view::client::Client;

@@ -1,0 +1,20 @@
+//! Point clouds: clustering, neighbours, outliers, connected components. Results do not depend on the number of
+//! threads. Nothing here reads files, renders images, or knows what the points stand for.
+
+pub mod chunks;
+pub mod components;
+pub mod error;
+pub mod flood;
+pub mod hdbscan;
+pub mod kmeans;
+pub mod modes;
+pub mod moving;
+pub mod neighbours;
+pub mod outliers;
+pub mod principal;
+pub mod regions;
+pub mod sampling;
+pub mod suggest;
+pub mod union_find;
+
+pub use error::PointsError;

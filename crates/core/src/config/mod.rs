@@ -1,0 +1,168 @@
+//! Configuration of a run: types, layers, built-in presets.
+
+pub mod layers;
+pub mod types;
+
+use layers::{ConfigError, Layers};
+use types::Config;
+
+/// The compiled-in presets, by name.
+pub const PRESETS: &[(&str, &str)] = &[
+    ("best", include_str!("../../../../configs/best.toml")),
+    ("quick", include_str!("../../../../configs/quick.toml")),
+    ("demo", include_str!("../../../../configs/demo.toml")),
+    ("paper", include_str!("../../../../configs/paper.toml")),
+    ("official", include_str!("../../../../configs/official.toml")),
+    ("static", include_str!("../../../../configs/static.toml")),
+    ("d3dgs", include_str!("../../../../configs/methods/d3dgs.toml")),
+    ("d3dgs-small", include_str!("../../../../configs/methods/d3dgs-small.toml")),
+    ("coordnet", include_str!("../../../../configs/methods/coordnet.toml")),
+    ("coordnet-small", include_str!("../../../../configs/methods/coordnet-small.toml")),
+    ("insitunet", include_str!("../../../../configs/methods/insitunet.toml")),
+    ("insitunet-small", include_str!("../../../../configs/methods/insitunet-small.toml")),
+    ("visnerf", include_str!("../../../../configs/methods/visnerf.toml")),
+    ("visnerf-small", include_str!("../../../../configs/methods/visnerf-small.toml")),
+    ("4dgs", include_str!("../../../../configs/methods/4dgs.toml")),
+    ("4dgs-small", include_str!("../../../../configs/methods/4dgs-small.toml")),
+];
+
+/// The preset that is used where no configuration is given.
+pub const PRESET_IF_NONE_GIVEN: &str = "best";
+
+/// Returns the configuration of a built-in preset.
+///
+/// # Errors
+/// [`ConfigError::NotFound`] if there is no such preset.
+pub fn preset(name: &str) -> Result<Config, ConfigError> {
+    Ok(Layers::new(PRESETS).source(name).resolve()?.value)
+}
+
+/// A key's name without its section, unless another key of `among` has the same name.
+#[must_use]
+pub fn short_key<'a>(key: &'a str, among: &[impl AsRef<str>]) -> &'a str {
+    fn last(key: &str) -> &str {
+        key.rsplit_once('.').map_or(key, |(_, name)| name)
+    }
+    let is_shared = among.iter().any(|other| other.as_ref() != key && last(other.as_ref()) == last(key));
+    if is_shared { key } else { last(key) }
+}
+
+/// `VOLSEGGS_*` variables that are not configuration keys; a trailing `*` matches any suffix.
+pub const RESERVED_VARIABLES: &[&str] = &[
+    "VOLSEGGS_TEST_*",
+    "VOLSEGGS_REQUIRE_*",
+    "VOLSEGGS_FUZZ_*",
+    "VOLSEGGS_CHAOS_*",
+    "VOLSEGGS_VIEW_*",
+    "VOLSEGGS_AXE",
+    "VOLSEGGS_CACHE",
+    "VOLSEGGS_SIMD",
+    "VOLSEGGS_GPU_ATOMICS",
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use toml::{Table, Value};
+    use types::LossKind;
+    use types::methods::{D3dgsConfig, FourDgsConfig};
+
+    fn with_variable(name: &str) -> Result<Config, ConfigError> {
+        let layers = Layers::new(PRESETS).env([(name.into(), "1".into())], RESERVED_VARIABLES)?;
+        layers.resolve::<Config>().map(|found| found.value)
+    }
+
+    #[test]
+    fn reserved_variables_are_not_keys() {
+        for name in [
+            "VOLSEGGS_TEST_SAM",
+            "VOLSEGGS_TEST_OUT",
+            "VOLSEGGS_REQUIRE_GPU",
+            "VOLSEGGS_REQUIRE_ANY",
+            "VOLSEGGS_FUZZ_CASES",
+            "VOLSEGGS_SIMD",
+        ] {
+            assert_eq!(with_variable(name).unwrap(), Config::default(), "{name}");
+        }
+        assert_eq!(with_variable("VOLSEGGS_SEED").unwrap().seed, 1);
+        for name in ["VOLSEGGS_TESTS", "VOLSEGGS_SIMD_", "VOLSEGGS_SEEED"] {
+            assert!(matches!(with_variable(name), Err(ConfigError::UnknownKey { .. })), "{name}");
+        }
+    }
+
+    #[test]
+    fn the_defaults_are_the_method_of_the_paper() {
+        assert_eq!(preset("paper").unwrap(), Config::default());
+        let published = [
+            preset("d3dgs").unwrap().d3dgs == Some(D3dgsConfig::default()),
+            preset("4dgs").unwrap().fourdgs == Some(FourDgsConfig::default()),
+        ];
+        assert_eq!(published, [true; 2], "the defaults of other methods are their published settings");
+    }
+
+    #[test]
+    fn presets_state_only_what_they_change() {
+        fn walk(place: &str, stated: &Table, base: Option<&Table>, same: &mut Vec<String>) {
+            for (key, value) in stated {
+                let (place, before) = (format!("{place}.{key}"), base.and_then(|base| base.get(key)));
+                match value {
+                    Value::Table(inner) => walk(&place, inner, before.and_then(Value::as_table), same),
+                    value if before == Some(value) => same.push(place),
+                    _ => {}
+                }
+            }
+        }
+        for (name, text) in PRESETS.iter().filter(|(name, _)| *name != "paper") {
+            let mut stated: Table = text.parse().unwrap();
+            let layers = match stated.remove("extends") {
+                Some(base) => Layers::new(PRESETS).source(base.as_str().unwrap()),
+                None => Layers::new(PRESETS),
+            };
+            let mut same = Vec::new();
+            walk(name, &stated, Some(&layers.resolve::<Config>().unwrap().table), &mut same);
+            assert!(same.is_empty(), "what they start from has these values already: {same:?}");
+        }
+    }
+
+    #[test]
+    fn small_presets_are_of_their_method() {
+        for name in ["d3dgs", "4dgs"] {
+            let small = preset(&format!("{name}-small")).unwrap();
+            assert_eq!((small.method.as_str(), small.loss.kind), (name, LossKind::L1));
+        }
+    }
+
+    #[test]
+    fn warm_up_of_shorter_presets_decays_over_their_own_length() {
+        // the values that they were tuned and measured with
+        for name in ["best", "quick", "demo", "configs/ablations/base-small.toml"] {
+            let config = Layers::new(PRESETS).source(name).resolve::<Config>().unwrap().value;
+            assert_eq!(config.optim.warmup_decay_steps, config.stages.joint_steps, "{name}");
+        }
+    }
+
+    #[test]
+    fn keys_in_error_messages_are_keys() {
+        let message = Layers::new(PRESETS).sets(["loss"]).resolve::<Config>().unwrap_err().to_string();
+        let example = message.rsplit(' ').next().unwrap();
+        Layers::new(PRESETS).sets([example]).resolve::<Config>().unwrap();
+        let message = with_variable("VOLSEGGS_A____B").unwrap_err().to_string();
+        assert_eq!(with_variable(message.rsplit(' ').next().unwrap()).unwrap().loss.dssim, 1.0, "{message}");
+    }
+
+    #[test]
+    fn a_wrong_value_is_reported_in_plain_words() {
+        for (set, words) in [
+            ("stages.joint_steps=-3", "expected a whole number, 0 or above, not -3"),
+            ("loss.kind=l3", "there is no `l3`; available: l1 or l2"),
+            ("model=3", "expected a section"),
+            ("optim.betas=[0.9]", "expected a list of 2 values"),
+        ] {
+            let message = Layers::new(PRESETS).sets([set]).resolve::<Config>().unwrap_err().to_string();
+            assert!(message.contains(words), "{message}");
+            for jargon in ["invalid type", "usize", "struct ", "ModelConfig", "variant"] {
+                assert!(!message.contains(jargon), "{message}");
+            }
+        }
+    }
+}
