@@ -246,7 +246,7 @@ mod tests {
     use crate::config::preset;
     use crate::sweep::PlanOptions;
     use crate::sweep::key::{key, parts};
-    use crate::sweep::result::write;
+    use crate::sweep::result::{write, write_measured};
 
     fn plan(seeds: &str, test_views: usize) -> Plan {
         plan_in(tempfile::tempdir().unwrap().path(), seeds, test_views)
@@ -322,7 +322,7 @@ mod tests {
         let spec = &plan.runs[0].segments[0];
         let before = seconds(&plan);
         std::fs::create_dir_all(plan.run_folder(0)).unwrap();
-        write(&segments_path(&plan, 0, spec), &std::collections::BTreeMap::<String, f64>::new()).unwrap();
+        write_measured(&segments_path(&plan, 0, spec), std::collections::BTreeMap::<String, f64>::new()).unwrap();
         let saved = before - seconds(&plan);
         let expected = segmentation(spec, &config, data) / (cores() * BUSY);
         assert!((saved - expected).abs() < 1e-6 * expected, "{saved} {expected}");

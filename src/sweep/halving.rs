@@ -6,6 +6,7 @@
 use super::SweepError;
 use super::plan::{Entry, Plan};
 use super::result::{Progress, live_psnr, progress, read, write};
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
@@ -49,6 +50,13 @@ fn file(dir: &Path) -> PathBuf {
     dir.join("halving.json")
 }
 
+/// The record of what was stopped.
+#[derive(Default, Serialize, Deserialize)]
+struct Stopped {
+    /// The step of each run, by key.
+    steps: BTreeMap<String, usize>,
+}
+
 /// Records the step at which each run was stopped, by key, replacing earlier records of the runs of `plan` that were
 /// `judged`. Records of other runs, such as those of another build of the program, are kept.
 ///
@@ -59,11 +67,11 @@ pub fn save(dir: &Path, plan: &Plan, judged: &[usize], now: &BTreeMap<String, us
     let mut all = stopped(dir);
     all.retain(|key, _| !ours.contains(key.as_str()));
     all.extend(now.iter().map(|(key, step)| (key.clone(), *step)));
-    write(&file(dir), &all).map_err(|e| SweepError::io(dir, e))
+    write(&file(dir), &Stopped { steps: all }).map_err(|e| SweepError::io(dir, e))
 }
 
 /// Reads the step at which each stopped run of the sweep was stopped, by key.
 #[must_use]
 pub fn stopped(dir: &Path) -> BTreeMap<String, usize> {
-    read(&file(dir)).unwrap_or_default()
+    read::<Stopped>(&file(dir)).unwrap_or_default().steps
 }

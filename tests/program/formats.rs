@@ -48,7 +48,7 @@ fn a_file_of_another_version_is_refused_by_name() {
     train(root, "run", &["output.checkpoint_every=80"]).assert().success();
     call(root, "eval run").assert().success();
     run_json(root, &["segment", "coarse", "run", "--clusters", "2"]);
-    let name = run_json(root, &["segment", "list", "run"])[0]["name"].as_str().unwrap().to_owned();
+    let name = run_json(root, &["segment", "list", "run"])["segments"][0]["name"].as_str().unwrap().to_owned();
     call(root, "segment masks run --views 3 --size 32").assert().success();
     call(root, "segment masks run --views 2 --size 32 --pictures").assert().success();
     call(root, "segment fine run --steps 2 --pixels 64").assert().success();

@@ -42,7 +42,7 @@ pub enum VersionedError {
 }
 
 impl<'a, T> Versioned<'a, T> {
-    /// Marks a record, which must be a struct or a map, with the version.
+    /// Marks a record with the version. It must be a struct: a map would read the version back as an entry.
     pub fn new(record: &'a T) -> Self {
         Self { format: FORMAT, record }
     }
@@ -51,7 +51,7 @@ impl<'a, T> Versioned<'a, T> {
 /// Writes a record on one line.
 ///
 /// # Errors
-/// If it is no struct or map, or has no JSON form.
+/// If it is no struct, or has no JSON form.
 pub fn to_json(record: &impl Serialize) -> serde_json::Result<String> {
     serde_json::to_string(&Versioned::new(record))
 }

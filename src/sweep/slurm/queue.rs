@@ -156,7 +156,7 @@ mod tests {
         }
         let put = |name: &str, keys: &[&str]| {
             let runs: Vec<_> = keys.iter().map(|key| serde_json::json!({ "key": key, "label": "x" })).collect();
-            fs::write(dir.path().join(name), serde_json::json!({ "title": name, "runs": runs }).to_string()).unwrap();
+            fs::write(dir.path().join(name), serde_json::json!({ "format": 1, "runs": runs }).to_string()).unwrap();
         };
         put("plans/old.json", &["a", "b", "c"]);
         put("plans/now.json", &["c", "a", "d", "e"]);

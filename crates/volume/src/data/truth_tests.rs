@@ -63,7 +63,7 @@ fn names_and_paths_that_lead_out_of_the_dataset_are_refused() {
         assert!(error.contains(words) && error.contains(FILE), "{words}: {error}");
     }
     let fine = with(vec![segment("a", vec![frame("./a/../a.png", "b.png")])], vec![volume("./volumes/s")]);
-    std::fs::write(folder.path().join(FILE), serde_json::to_vec(&fine).unwrap()).unwrap();
+    std::fs::write(folder.path().join(FILE), crate::versioned::to_json(&fine).unwrap()).unwrap();
     Truth::read(folder.path()).unwrap();
 }
 

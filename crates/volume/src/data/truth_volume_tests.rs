@@ -61,11 +61,11 @@ fn the_nearest_time_and_datasets_without_volumes() {
     }
     let text = std::fs::read_to_string(folder.path().join(FILE)).unwrap();
     let mut json: serde_json::Value = serde_json::from_str(&text).unwrap();
-    json.as_object_mut().unwrap().remove("volumes");
+    json["volumes"] = serde_json::json!([]);
     std::fs::write(folder.path().join(FILE), json.to_string()).unwrap();
-    let old = Truth::read(folder.path()).unwrap();
-    assert!(old.volume_times().is_empty());
-    assert!(old.volume(0.0).unwrap_err().to_string().contains("volumes"));
+    let without = Truth::read(folder.path()).unwrap();
+    assert!(without.volume_times().is_empty());
+    assert!(without.volume(0.0).unwrap_err().to_string().contains("volumes"));
 }
 
 #[test]
