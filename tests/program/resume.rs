@@ -93,54 +93,6 @@ fn another_average_of_a_finished_run_is_its_scene() {
     assert!(scene(&run) == scene(&raw), "the average is still shown");
 }
 
-/// The keys that were added after the first runs.
-const LATER_KEYS: &[&str] = &[
-    "method",
-    "only_times",
-    "order",
-    "bias_init",
-    "weight",
-    "tv_reduction",
-    "warmup_decay_steps",
-    "warmup_until",
-    "warmup_budget",
-    "prune_by",
-    "prune_size",
-    "prune_from",
-    "prune_joint",
-    "opacity_reset_until",
-    "opacity_reset_joint",
-    "dssim_warmup",
-    "decay_over",
-];
-
-#[test]
-fn a_run_older_than_some_keys_resumes_with_its_original_behaviour() {
-    let root = dataset();
-    let (whole, run) = (root.path().join("whole"), root.path().join("run"));
-    // at that time the means' rate in warm-up fell over the length of the joint stage
-    let then = ["optim.warmup_decay_steps=60"];
-    train(root.path(), "whole", &then).assert().success();
-    train(root.path(), "run", &then).args(["--stop-after", "12"]).assert().success();
-    let older = |text: &str| -> String {
-        let is_later = |line: &str| LATER_KEYS.iter().any(|key| line.starts_with(&format!("{key} =")));
-        text.lines().filter(|line| !is_later(line)).map(|line| format!("{line}\n")).collect()
-    };
-    let path = run.join("config.toml");
-    let config = std::fs::read_to_string(&path).unwrap();
-    assert_eq!(config.lines().count() - older(&config).lines().count(), LATER_KEYS.len());
-    std::fs::write(&path, older(&config)).unwrap();
-    let path = run.join("checkpoints/step-000012/state.json");
-    let mut state = json(&path);
-    state["config"] = older(state["config"].as_str().unwrap()).into();
-    std::fs::write(&path, state.to_string()).unwrap();
-
-    let output = resume(&run, &[]).assert().success().get_output().clone();
-    let message = String::from_utf8(output.stderr).unwrap();
-    assert!(!message.contains(" was "), "nothing has changed: {message}");
-    assert!(newest_bytes(&run) == newest_bytes(&whole), "the resumed run has a different result");
-}
-
 #[test]
 fn a_run_without_a_checkpoint_is_not_restarted() {
     let root = dataset();
