@@ -1,8 +1,46 @@
-//! Deformable 3D Gaussians from rendered images of time-varying volumes.
+//! Deformable 3D Gaussians from rendered images of time-varying volumes: train, segment, track and edit them.
 //!
-//! The modules follow the pipeline: `volume` (files, transfer functions, ray caster) -> `prepare` (a dataset) -> `data`
-//! (images and cameras) -> `model` and `train` -> `eval` and `export`. Data flows one way; no module depends on a later
-//! one. The binary's commands live in `cli`.
+//! The program `volseggs` is made of this library. A volume becomes a trained scene in a few calls:
+//!
+//! ```no_run
+//! use std::{path::Path, sync::atomic::AtomicBool};
+//! use volseggs::prelude::*;
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let (data, scene) = (Path::new("jets"), Synthetic::Jets);
+//! let volume = Source::Synthetic { scene, dims: [96; 3], steps: 30 };
+//! prepare(&volume, &scene.transfer_function()?, &PrepareOptions::default(), data, &|_| (), &AtomicBool::new(false))?;
+//! let dataset = Dataset::open(data, &OpenOptions::default())?;
+//! let mut trainer = Trainer::new(preset("quick")?, &dataset, &DeviceName::all()[0].open()?)?;
+//! while trainer.steps_done() < trainer.total_steps() {
+//!     trainer.step(&dataset.train)?;
+//! }
+//! // [H, W, 4]: colour and alpha
+//! let image: Vec<f32> = trainer.scene().render(dataset.train.frames[0].camera.to_kernel(), 0.5);
+//! trainer.scene().save(Path::new("scene.safetensors"))?;
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! | to | see |
+//! |---|---|
+//! | read volumes, render datasets of them | [`volume`], [`prepare`](mod@prepare), [`data`] |
+//! | configure and train, also with other methods | [`config`], [`train`], [`method`] |
+//! | open a trained run and work on it | [`run::OpenRun`] |
+//! | find segments, follow and edit them | [`segment`], [`track`], [`edit`] |
+//! | measure and export | [`metrics`], [`eval`], [`export`] |
+//! | add a loss, encoder, schedule, metric or method of one's own | [`extend`] |
+//!
+//! | feature | default | adds |
+//! |---|---|---|
+//! | `flex`, `ndarray` | yes | the two CPU devices |
+//! | `wgpu` | yes | GPUs through Vulkan, Metal or DX12 |
+//! | `view` | yes | the viewer in a browser |
+//! | `cuda` | no | NVIDIA GPUs through CUDA |
+//! | `tch` | no | LibTorch on the CPU |
+//!
+//! The crates underneath, from the lowest: `volseggs-base`, `volseggs-volume` (neither names burn), `volseggs-kernels`,
+//! `volseggs-core`, `volseggs-segment`. Their modules are re-exported here.
 
 #![deny(clippy::print_stdout, clippy::print_stderr)] // they panic on a closed pipe; see `terminal`
 
@@ -27,6 +65,24 @@ pub use volseggs_base::{
 pub use volseggs_core::{config, device, export, metrics, model, train};
 pub use volseggs_segment::{edit, segment, track};
 pub use volseggs_volume::{data, prepare, volume};
+
+/// What most programs need.
+pub mod prelude {
+    pub use crate::config::preset;
+    pub use crate::config::types::Config;
+    pub use crate::data::{Camera, Dataset, OpenOptions, Split, SplitName};
+    pub use crate::device::DeviceName;
+    pub use crate::edit::EditStack;
+    pub use crate::metrics::psnr::psnr;
+    pub use crate::metrics::ssim::ssim_rgb;
+    pub use crate::model::{HostGaussians, Model, Scene, ToKernel};
+    pub use crate::prepare::{PrepareOptions, SegmentOptions, Source, prepare};
+    pub use crate::run::OpenRun;
+    pub use crate::segment::segmentation::Segmentation;
+    pub use crate::train::Trainer;
+    pub use crate::volume::synthetic::Synthetic;
+    pub use crate::volume::transfer::TransferFunction;
+}
 
 /// The tensor library used in this crate's signatures, re-exported in its exact version.
 pub use burn;

@@ -11,6 +11,7 @@ mod datasets;
 mod devices;
 mod documents;
 mod edit;
+mod examples;
 mod eval_segments;
 mod formats;
 mod inspect;

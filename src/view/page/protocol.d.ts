@@ -709,7 +709,7 @@ export type RequestedGranularity =
 export type SavedPath = {
   /** The command that draws it again. */
   command: string;
-  /** Version of the file format, 1. */
+  /** Version of the format, [`FORMAT`]. */
   format: number;
   /** The keyframes. */
   keys: Key[];

@@ -311,8 +311,8 @@ mod tests {
 
     #[test]
     fn a_stopped_clustering_is_not_waited_for() {
-        let features = blobs(&axes(4, 16), 350, 0.3, 2);
-        let config = DensityConfig { sample: 1400, ..DensityConfig::default() };
+        let features = blobs(&axes(4, 16), 1000, 0.3, 2);
+        let config = DensityConfig { sample: 4000, ..DensityConfig::default() };
         let started = std::time::Instant::now();
         let found = cluster_features(&features, 16, &config, &mut generator(1), &|| false);
         assert_eq!(found.unwrap_err(), PointsError::Stopped);

@@ -135,7 +135,7 @@ mod tests {
     #[test]
     fn warm_up_of_shorter_presets_decays_over_their_own_length() {
         // the values that they were tuned and measured with
-        for name in ["best", "quick", "demo", "configs/ablations/base-small.toml"] {
+        for name in ["best", "quick", "demo", "../../configs/ablations/base-small.toml"] {
             let config = Layers::new(PRESETS).source(name).resolve::<Config>().unwrap().value;
             assert_eq!(config.optim.warmup_decay_steps, config.stages.joint_steps, "{name}");
         }

@@ -27,7 +27,8 @@ use crate::memory::TooLarge;
 use crate::versioned;
 use crate::volume::error::VolumeError;
 use crate::volume::placement::Placement;
-use crate::volume::raycast::RayCaster;
+use crate::volume::placement::published_side;
+use crate::volume::raycast::{DEFAULT_STEP, RayCaster};
 use crate::volume::transfer::TransferFunction;
 use check::needed;
 pub use check::{LENGTHS, check};
@@ -65,6 +66,20 @@ pub struct PrepareOptions {
     pub replace: bool,
     /// Files read beside the volumes: a folder that holds one is not replaced.
     pub needed: Vec<PathBuf>,
+}
+
+impl Default for PrepareOptions {
+    /// Images as published: 800 x 800, 30 times, 20 views each, 181 test views; with ground truth if segments are known.
+    fn default() -> Self {
+        Self {
+            views: ViewOptions::default(),
+            side: published_side(),
+            step: DEFAULT_STEP,
+            segments: SegmentOptions::default(),
+            replace: false,
+            needed: Vec::new(),
+        }
+    }
 }
 
 /// Why a dataset could not be made.
