@@ -72,7 +72,7 @@ impl ConfigSource {
             )));
         }
         let config = run_config.to_string_lossy().into_owned();
-        Layers::new(PRESETS).source(&config).resolve::<Config>()?.complete(run_config)?;
+        Layers::new(PRESETS).source(&config).resolve::<Config>()?.complete(run_config, "segment")?;
         Self { config: Some(config), ..self.clone() }.resolve()
     }
 }

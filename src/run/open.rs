@@ -283,11 +283,16 @@ fn read(file: &Path) -> Result<String, RunError> {
     std::fs::read_to_string(file).map_err(|e| RunError::input(format!("{}: {e}", file.display())))
 }
 
+/// Section of the configuration that training does not read; runs of sweeps lack it.
+const SEGMENT: &str = "segment";
+
 /// Reads the configuration of a run from its file.
 pub(super) fn config_in(file: &Path) -> Result<Config, RunError> {
     let source = file.to_string_lossy().into_owned();
     let resolved = Layers::new(PRESETS).source(source).resolve::<Config>().map_err(RunError::input)?;
-    resolved.complete(file).map_err(RunError::input)
+    let config = resolved.complete(file, SEGMENT).map_err(RunError::input)?;
+    config.segment.check().map_err(|e| RunError::input(format!("{}: {e}", file.display())))?;
+    Ok(config)
 }
 
 /// Reads the edits in a file; none if there is no file yet.

@@ -8,5 +8,5 @@ pub mod segment;
 pub mod track;
 
 use volseggs_base::{csv, draw, files, memory, name, points, rng, tensors, versioned, words};
-use volseggs_core::{device, export, model, train};
+use volseggs_core::{config, device, export, model, train};
 use volseggs_volume::{data, volume};

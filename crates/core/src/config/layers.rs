@@ -198,12 +198,14 @@ impl<'a> Layers<'a> {
 }
 
 impl<T> Resolved<T> {
-    /// Returns the value of a file that states every key, such as the configuration in a run.
+    /// Returns the value of a file that states every key, but for those of the section `optional`, such as the configuration
+    /// in a run.
     ///
     /// # Errors
     /// [`ConfigError::Incomplete`], which names the first key that `file` lacks.
-    pub fn complete(self, file: &Path) -> Result<T, ConfigError> {
-        match self.origins.into_iter().find(|(_, origin)| *origin == Origin::Default) {
+    pub fn complete(self, file: &Path, optional: &str) -> Result<T, ConfigError> {
+        let needed = |key: &str| key.split('.').next() != Some(optional);
+        match self.origins.into_iter().find(|(key, origin)| *origin == Origin::Default && needed(key)) {
             None => Ok(self.value),
             Some((key, _)) => Err(ConfigError::Incomplete { path: file.to_owned(), key }),
         }

@@ -9,6 +9,7 @@ pub mod methods;
 mod model;
 mod optim;
 mod output;
+pub mod segment;
 
 pub use densify::{DensifyConfig, DensifyMode, PruneBy};
 pub use loss::{LossConfig, LossKind, TvOrder, TvReduction};
@@ -18,6 +19,7 @@ pub use model::{
 };
 pub use optim::{DecayOver, OptimConfig};
 pub use output::OutputConfig;
+pub use segment::SegmentConfig;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -56,6 +58,9 @@ pub struct Config {
     pub speed: SpeedConfig,
     /// Logs and checkpoints.
     pub output: OutputConfig,
+    /// How a scene becomes segments; no step of training reads it.
+    #[serde(default)] // sweeps train without it
+    pub segment: SegmentConfig,
     /// Settings of the method `coordnet`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coordnet: Option<CoordNetConfig>,
@@ -88,6 +93,7 @@ impl Default for Config {
             densify: DensifyConfig::default(),
             speed: SpeedConfig::default(),
             output: OutputConfig::default(),
+            segment: SegmentConfig::default(),
             coordnet: None,
             insitunet: None,
             visnerf: None,
