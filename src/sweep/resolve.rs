@@ -89,8 +89,9 @@ impl Base<'_> {
             if t.contains_key(SEGMENT) {
                 return Err("segments.segment: options of segmentation have keys of their own, segment.*".to_owned());
             }
-            let spec = t.try_into().map_err(|e: toml::de::Error| format!("segments: {}", plain(e.message())));
-            let mut spec: SegmentSpec = spec?;
+            let spec = t.clone().try_into();
+            let mut spec: SegmentSpec =
+                spec.map_err(|e: toml::de::Error| format!("{}: {}", wrong_key(&t), plain(e.message())))?;
             spec.segment = config.clone();
             let base = self.path.parent().unwrap_or(Path::new(""));
             spec.place(base).map_err(|e| format!("segments: {e}"))?;
@@ -98,6 +99,13 @@ impl Base<'_> {
         };
         table.map(read).transpose()
     }
+}
+
+/// Names the key because of which `table` is no section `[segments]`; the errors of the parser do not.
+fn wrong_key(table: &Table) -> String {
+    let alone = |(key, value): &(&String, &Value)| Table::from_iter([((*key).clone(), (*value).clone())]);
+    let wrong = table.iter().find(|entry| alone(entry).try_into::<SegmentSpec>().is_err());
+    wrong.map_or_else(|| SEGMENTS.trim_end_matches('.').to_owned(), |(key, _)| format!("{SEGMENTS}{key}"))
 }
 
 fn value_text(assignment: &str) -> String {
