@@ -290,7 +290,7 @@ fn fourdgs() {
         let tensors: BTreeMap<String, HostTensor> = widths.into_iter().map(tensor).collect();
         let seed = |[sh_degree, time_degree, sh_stride, orders]: [usize; 4]| {
             let header = serde_json::json!({
-                "sh_stride": sh_stride, "orders": orders, "sh_degree": sh_degree, "time_degree": time_degree,
+                "format": volseggs::versioned::FORMAT, "sh_stride": sh_stride, "orders": orders, "sh_degree": sh_degree, "time_degree": time_degree,
                 "background": [1.0, 1.0, 1.0], "dilation": 0.1, "centre": [0.0, 0.0, 0.0], "half_size": [1.0, 1.0, 1.0],
             });
             saved(scratch, |path| write_tensors(path, &tensors, Some(("4dgs", header.to_string()))).unwrap())

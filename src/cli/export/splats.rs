@@ -33,7 +33,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Resu
         format,
         units: args.units(run)?,
         sh_degree: args.sh_degree.map_or(MAX_SH_DEGREE, usize::from),
-        refit: RefitPlan::new(run, args.refit.map(|steps| steps as usize))?,
+        refit: RefitPlan::new(run, args.refit.map(|steps| steps as usize)),
     };
     let refit_steps = plan.refit_steps();
     let stop = stop_flag("stopping after this step; nothing is written")?;

@@ -82,12 +82,10 @@ pub struct SplatPlan {
 
 impl SplatPlan {
     /// Plans files as they are written by default.
-    ///
-    /// # Errors
-    /// As for [`RefitPlan::new`].
-    pub fn new(run: &OpenRun, format: SplatFormat) -> Result<Self, RunError> {
-        let refit = RefitPlan::new(run, None)?;
-        Ok(Self { format, units: Units::Scene, sh_degree: ply::MAX_SH_DEGREE, refit })
+    #[must_use]
+    pub fn new(run: &OpenRun, format: SplatFormat) -> Self {
+        let refit = RefitPlan::new(run, None);
+        Self { format, units: Units::Scene, sh_degree: ply::MAX_SH_DEGREE, refit }
     }
 
     /// Number of steps in which each file is refitted; 0 as trained.

@@ -70,17 +70,14 @@ pub struct RefitPlan {
 impl RefitPlan {
     /// Plans `steps` steps for files of `run`; `None` for 0 steps. Without a number, there are none if other programs draw
     /// them as this one does, and otherwise 300.
-    ///
-    /// # Errors
-    /// If the cameras of the dataset are unknown, see [`OpenRun::surroundings`], so that nobody knows from how far away
-    /// the files are looked at.
-    pub fn new(run: &OpenRun, steps: Option<usize>) -> Result<Option<Self>, RunError> {
+    #[must_use]
+    pub fn new(run: &OpenRun, steps: Option<usize>) -> Option<Self> {
         if steps == Some(0) || steps.is_none() && drawn_alike(&run.scene) {
-            return Ok(None);
+            return None;
         }
         let around = run.record.surroundings;
         let (_, half_size) = run.scene.place();
-        Ok(Some(Self { steps: steps.unwrap_or(STEPS), around, half_size }))
+        Some(Self { steps: steps.unwrap_or(STEPS), around, half_size })
     }
 
     /// Returns the sphere on which cameras see `shown`: that of the dataset's cameras or, if edits have moved or scaled

@@ -67,7 +67,7 @@ impl Export<'_> {
         let shown = Selection::open(run, self.segments, self.edited)?;
         let output = self.place(&run.paths().exported(), "scene")?;
         let mut done = 0;
-        let plan = SplatPlan::new(run, format)?;
+        let plan = SplatPlan::new(run, format);
         let refit_steps = plan.refit_steps();
         let unit = if refit_steps > 0 { "steps" } else { "times" };
         let all = (refit_steps + 1) * self.times.len();

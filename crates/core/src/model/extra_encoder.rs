@@ -1,4 +1,4 @@
-//! An encoder registered in [`crate::extend`]: holds its learnt values as burn parameters.
+//! An encoder registered in `volseggs::extend`: holds its learnt values as burn parameters.
 
 use super::encoder_definition::{EncoderDefinition, Parameter, Parameters, find_encoder};
 use crate::config::types::ModelConfig;

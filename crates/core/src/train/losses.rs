@@ -1,5 +1,5 @@
 //! The loss function (the paper's equations 5 to 8). To add a term, write a function of tensors here, a weight in
-//! `config::types::LossConfig`, and add it in `Trainer::loss`; or register it, see [`crate::extend`].
+//! `config::types::LossConfig`, and add it in `Trainer::loss`; or register it, see `volseggs::extend`.
 
 use super::loss_term::{LossInput, LossTerm, find_loss_term};
 use crate::config::types::{LossConfig, LossKind, TvOrder, TvReduction};

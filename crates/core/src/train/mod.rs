@@ -1,7 +1,7 @@
 //! Training of a scene from images: stages, losses, densification, optimiser groups, checkpoints.
 //!
 //! A [`Training`] advances by one step at a time and knows nothing of folders or terminals; [`run`] drives one of any
-//! [method](crate::method), with logs, evaluation, checkpoints and signals, and lets an [`observer`] watch. [`Trainer`]
+//! method, with logs, evaluation, checkpoints and signals, and lets an [`observer`] watch. [`Trainer`]
 //! is the training of Gaussians with a deformation field.
 
 mod advice;

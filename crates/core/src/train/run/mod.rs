@@ -67,7 +67,7 @@ impl TakenStep<'_> {
 }
 
 /// Drives `training`, newly created from the dataset and the configuration of `context`, in the folder of the run until
-/// the end, a stop or an error; see [`crate::method::train`], which also creates it. The run is locked meanwhile.
+/// the end, a stop or an error; see `volseggs::method::train`, which also creates it. The run is locked meanwhile.
 ///
 /// # Errors
 /// As [`Training::step`]; also if there is nothing to resume, if another process writes into the run, and if a file
