@@ -51,7 +51,7 @@ fn main() {
     let open = OpenRun::open(&run, &device).unwrap();
     let mut look = Look::open(&open, Selection::open(&open, &[], true).unwrap(), Show::Colour, None).unwrap();
     let prepared = look.prepare(&open.scene, 0.5, &device).unwrap();
-    let around = open.surroundings().unwrap();
+    let around = open.record.surroundings;
     let view = View {
         eye: [around.sphere.radius, 0.0, 1.0],
         target: open.scene.spec.centre().to_array(),

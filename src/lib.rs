@@ -58,6 +58,7 @@ pub use burn;
 #[must_use]
 pub fn main() -> std::process::ExitCode {
     memory::keep_freed_pages();
+    method::add_sections();
     process::report_file_limits();
     let command = cli::Cli::read();
     let started = process::start_threads().map_err(cli::CliError::failure);

@@ -114,7 +114,7 @@ mod tests {
             "k.l = { m = [[0.5]] }\n".repeat(200)
         );
         check_toml(&fine).unwrap();
-        for (_, text) in crate::config::PRESETS {
+        for (_, text) in crate::method::presets() {
             check_toml(text).unwrap();
         }
         // rejecting invalid TOML is left to the parser

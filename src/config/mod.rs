@@ -1,12 +1,13 @@
 //! Configuration of a run: types, layers, built-in presets.
 
 pub mod layers;
+pub mod sections;
 pub mod types;
 
-use layers::{ConfigError, Layers};
+use layers::ConfigError;
 use types::Config;
 
-/// The compiled-in presets, by name.
+/// The compiled-in presets of this project's own method, by name; [`crate::method::layers`] knows those of all methods.
 pub const PRESETS: &[(&str, &str)] = &[
     ("best", include_str!("../../configs/best.toml")),
     ("quick", include_str!("../../configs/quick.toml")),
@@ -14,16 +15,6 @@ pub const PRESETS: &[(&str, &str)] = &[
     ("paper", include_str!("../../configs/paper.toml")),
     ("official", include_str!("../../configs/official.toml")),
     ("static", include_str!("../../configs/static.toml")),
-    ("d3dgs", include_str!("../../configs/methods/d3dgs.toml")),
-    ("d3dgs-small", include_str!("../../configs/methods/d3dgs-small.toml")),
-    ("coordnet", include_str!("../../configs/methods/coordnet.toml")),
-    ("coordnet-small", include_str!("../../configs/methods/coordnet-small.toml")),
-    ("insitunet", include_str!("../../configs/methods/insitunet.toml")),
-    ("insitunet-small", include_str!("../../configs/methods/insitunet-small.toml")),
-    ("visnerf", include_str!("../../configs/methods/visnerf.toml")),
-    ("visnerf-small", include_str!("../../configs/methods/visnerf-small.toml")),
-    ("4dgs", include_str!("../../configs/methods/4dgs.toml")),
-    ("4dgs-small", include_str!("../../configs/methods/4dgs-small.toml")),
 ];
 
 /// The preset that is used where no configuration is given.
@@ -34,7 +25,7 @@ pub const PRESET_IF_NONE_GIVEN: &str = "best";
 /// # Errors
 /// [`ConfigError::NotFound`] if there is no such preset.
 pub fn preset(name: &str) -> Result<Config, ConfigError> {
-    Ok(Layers::new(PRESETS).source(name).resolve()?.value)
+    Ok(crate::method::layers().source(name).resolve()?.value)
 }
 
 /// A key's name without its section, unless another key of `among` has the same name.
@@ -63,12 +54,13 @@ pub const RESERVED_VARIABLES: &[&str] = &[
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::method::fourdgs::FourDgsConfig;
+    use crate::method::{layers, presets};
     use toml::{Table, Value};
-    use types::LossKind;
-    use types::methods::{D3dgsConfig, FourDgsConfig};
+    use types::{D3dgsConfig, LossKind};
 
     fn with_variable(name: &str) -> Result<Config, ConfigError> {
-        let layers = Layers::new(PRESETS).env([(name.into(), "1".into())], RESERVED_VARIABLES)?;
+        let layers = layers().env([(name.into(), "1".into())], RESERVED_VARIABLES)?;
         layers.resolve::<Config>().map(|found| found.value)
     }
 
@@ -94,8 +86,8 @@ mod tests {
     fn the_defaults_are_the_method_of_the_paper() {
         assert_eq!(preset("paper").unwrap(), Config::default());
         let published = [
-            preset("d3dgs").unwrap().d3dgs == Some(D3dgsConfig::default()),
-            preset("4dgs").unwrap().fourdgs == Some(FourDgsConfig::default()),
+            preset("d3dgs").unwrap().section() == Ok(D3dgsConfig::default()),
+            preset("4dgs").unwrap().section() == Ok(FourDgsConfig::default()),
         ];
         assert_eq!(published, [true; 2], "the defaults of other methods are their published settings");
     }
@@ -112,11 +104,11 @@ mod tests {
                 }
             }
         }
-        for (name, text) in PRESETS.iter().filter(|(name, _)| *name != "paper") {
+        for (name, text) in presets().iter().filter(|(name, _)| *name != "paper") {
             let mut stated: Table = text.parse().unwrap();
             let layers = match stated.remove("extends") {
-                Some(base) => Layers::new(PRESETS).source(base.as_str().unwrap()),
-                None => Layers::new(PRESETS),
+                Some(base) => layers().source(base.as_str().unwrap()),
+                None => layers(),
             };
             let mut same = Vec::new();
             walk(name, &stated, Some(&layers.resolve::<Config>().unwrap().table), &mut same);
@@ -136,16 +128,16 @@ mod tests {
     fn warm_up_of_shorter_presets_decays_over_their_own_length() {
         // the values that they were tuned and measured with
         for name in ["best", "quick", "demo", "configs/ablations/base-small.toml"] {
-            let config = Layers::new(PRESETS).source(name).resolve::<Config>().unwrap().value;
+            let config = layers().source(name).resolve::<Config>().unwrap().value;
             assert_eq!(config.optim.warmup_decay_steps, config.stages.joint_steps, "{name}");
         }
     }
 
     #[test]
     fn keys_in_error_messages_are_keys() {
-        let message = Layers::new(PRESETS).sets(["loss"]).resolve::<Config>().unwrap_err().to_string();
+        let message = layers().sets(["loss"]).resolve::<Config>().unwrap_err().to_string();
         let example = message.rsplit(' ').next().unwrap();
-        Layers::new(PRESETS).sets([example]).resolve::<Config>().unwrap();
+        layers().sets([example]).resolve::<Config>().unwrap();
         let message = with_variable("VOLSEGGS_A____B").unwrap_err().to_string();
         assert_eq!(with_variable(message.rsplit(' ').next().unwrap()).unwrap().loss.dssim, 1.0, "{message}");
     }
@@ -158,7 +150,7 @@ mod tests {
             ("model=3", "expected a section"),
             ("optim.betas=[0.9]", "expected a list of 2 values"),
         ] {
-            let message = Layers::new(PRESETS).sets([set]).resolve::<Config>().unwrap_err().to_string();
+            let message = layers().sets([set]).resolve::<Config>().unwrap_err().to_string();
             assert!(message.contains(words), "{message}");
             for jargon in ["invalid type", "usize", "struct ", "ModelConfig", "variant"] {
                 assert!(!message.contains(jargon), "{message}");

@@ -1,8 +1,9 @@
 //! D3DGS, see [`crate::model::d3dgs`]: VolSegGS's Gaussians and training, with the network of D3DGS instead of the
 //! field. Its Gaussians persist over time, so everything that works with VolSegGS works with them.
 
-use super::{Method, Model, Training};
-use crate::config::types::{Config, EncoderKind};
+use super::{GaussianWork, Method, Model, Training, Work, ignored};
+use crate::config::sections::Section;
+use crate::config::types::{Config, D3dgsConfig};
 use crate::data::Dataset;
 use crate::model::{Scene, SceneError, d3dgs};
 use crate::train::{TrainError, Trainer};
@@ -17,19 +18,32 @@ pub struct D3dgs;
 pub(super) const NAME: &str = "d3dgs";
 
 impl Method for D3dgs {
+    fn section(&self) -> Option<Section> {
+        Some(Section::of::<D3dgsConfig>())
+    }
+
+    fn presets(&self) -> &'static [(&'static str, &'static str)] {
+        &[
+            ("d3dgs", include_str!("../../configs/methods/d3dgs.toml")),
+            ("d3dgs-small", include_str!("../../configs/methods/d3dgs-small.toml")),
+        ]
+    }
+
+    fn check_ignored(&self, config: &Config) -> Result<(), String> {
+        ignored::without_field(config)
+    }
+
     fn has_persistent_gaussians(&self) -> bool {
         true
     }
 
     fn check(&self, config: &Config) -> Result<(), String> {
-        let Some(network) = &config.d3dgs else {
-            return Err(format!("method = \"{NAME}\" needs the section [{NAME}]: start with --method {NAME}"));
-        };
-        d3dgs::check(network)?;
+        let network = config.section::<D3dgsConfig>()?;
+        d3dgs::check(&network)?;
         if config.model.embedding > 0 {
             return Err(format!("model.embedding = {}: only with the method volseggs", config.model.embedding));
         }
-        if config.model.encoder != EncoderKind::Factorised {
+        if config.model.encoder != "factorised" {
             return Err("model.encoder: only with the method volseggs; remove the key".to_owned());
         }
         if let Some((key, weight)) = config.loss.of_the_grid() {
@@ -52,6 +66,12 @@ impl Method for D3dgs {
 
     fn steps(&self, config: &Config) -> usize {
         super::VolSegGs.steps(config)
+    }
+
+    fn work(&self, config: &Config) -> Option<Work> {
+        let network = config.section::<D3dgsConfig>().ok()?;
+        let (products, kept) = (d3dgs::parameters(&network) as f64, d3dgs::kept_values(&network) as f64);
+        Some(Work::Gaussians(GaussianWork { field: 1.0, products, kept, in_warmup: false }))
     }
 
     fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {

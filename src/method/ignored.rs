@@ -1,13 +1,10 @@
 //! Settings of the shared sections that a method does not read: they are refused, as two runs that differ
 //! in nothing else would be compared as if they differed.
 
-use super::{d3dgs, fourdgs};
 use crate::config::types::{Config, ViewOrder};
 use toml::Value;
 
-/// Methods without Gaussians: of the shared sections they read `[data]` and `[output]` only.
-const NETWORKS: [&str; 3] = ["coordnet", "insitunet", "visnerf"];
-/// The sections that these do not read.
+/// The shared sections that methods without Gaussians do not read: of the shared ones they read `[data]` and `[output]`.
 const OF_GAUSSIANS: [&str; 7] = ["init", "model", "stages", "loss", "optim", "densify", "speed"];
 /// Keys of the field, which other methods with Gaussians lack. Its encoder, embedding and regularisers are refused by
 /// the methods themselves.
@@ -30,28 +27,32 @@ const OF_THE_FIELD: [&str; 16] = [
     "implicit_skip",
 ];
 
-/// Rejects a setting that the built-in method of `config` does not read and that is not the default.
-pub(super) fn check_read(config: &Config) -> Result<(), String> {
+/// Rejects settings of Gaussians, and those of `[data]` that a network does not follow, unless they are the defaults; for a
+/// method that is a network without Gaussians.
+///
+/// # Errors
+/// The first such key with its value, and what to do.
+pub fn without_gaussians(config: &Config) -> Result<(), String> {
     let method = config.method.as_str();
+    if config.data.background == "random" {
+        return Err(format!("data.background = \"random\": {method} needs one colour; set white, black or a colour"));
+    }
+    if config.data.order != ViewOrder::Shuffled {
+        return Err(format!("data.order: {method} draws views in its own way; remove the key"));
+    }
     let changed = Changed::of(config);
-    if NETWORKS.contains(&method) {
-        if config.data.background == "random" {
-            return Err(format!(
-                "data.background = \"random\": {method} needs one colour; set white, black or a colour"
-            ));
-        }
-        if config.data.order != ViewOrder::Shuffled {
-            return Err(format!("data.order: {method} draws views in its own way; remove the key"));
-        }
-        let found = OF_GAUSSIANS.iter().find_map(|section| changed.first(section, |_| true));
-        let why = format!("has no Gaussians and reads [{method}], [data] and [output] only");
-        return found.map_or(Ok(()), |key| Err(refusal(&key, method, &why)));
-    }
-    if ![d3dgs::NAME, fourdgs::NAME].contains(&method) {
-        return Ok(());
-    }
-    let found = changed.first("model", |key| OF_THE_FIELD.contains(&key));
-    found.map_or(Ok(()), |key| Err(refusal(&key, method, "has no such field")))
+    let found = OF_GAUSSIANS.iter().find_map(|section| changed.first(section, |_| true));
+    let why = format!("has no Gaussians and reads [{method}], [data] and [output] only");
+    found.map_or(Ok(()), |key| Err(refusal(&key, method, &why)))
+}
+
+/// Rejects settings of the field, unless they are the defaults; for a method with Gaussians and something else in its place.
+///
+/// # Errors
+/// The first such key with its value, and what to do.
+pub fn without_field(config: &Config) -> Result<(), String> {
+    let found = Changed::of(config).first("model", |key| OF_THE_FIELD.contains(&key));
+    found.map_or(Ok(()), |key| Err(refusal(&key, &config.method, "has no such field")))
 }
 
 fn refusal(key: &str, method: &str, why: &str) -> String {
@@ -83,14 +84,15 @@ impl Changed {
 
 #[cfg(test)]
 mod tests {
-    use super::super::check;
+    use super::super::{check, layers};
     use super::*;
-    use crate::config::PRESETS;
-    use crate::config::layers::Layers;
-    use crate::config::types::methods::VisNerfConfig;
+    use crate::method::visnerf::VisNerfConfig;
+
+    /// Methods without Gaussians.
+    const NETWORKS: [&str; 3] = ["coordnet", "insitunet", "visnerf"];
 
     fn config(preset: &str, set: &str) -> Config {
-        Layers::new(PRESETS).source(preset).sets([set.to_owned()]).resolve::<Config>().unwrap().value
+        layers().source(preset).sets([set.to_owned()]).resolve::<Config>().unwrap().value
     }
 
     #[test]
@@ -120,7 +122,8 @@ mod tests {
     #[test]
     fn the_preset_of_another_method_is_refused() {
         let mut quick = config("quick", "seed=1");
-        (quick.method, quick.visnerf) = ("visnerf".into(), Some(VisNerfConfig::default()));
+        quick.method = "visnerf".into();
+        quick.sections.set(&VisNerfConfig::default());
         assert!(check(&quick).unwrap_err().to_string().contains("reads [visnerf]"));
     }
 }

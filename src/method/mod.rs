@@ -18,11 +18,11 @@
 //!
 //! 1. A folder here with burn modules (`#[derive(Module)]`); random numbers from [`crate::rng::Rng`] with a separate
 //!    `Purpose`, keyed by seed and step, so that a checkpoint needs no generator state.
-//! 2. A section of the configuration: a struct in `config/types/methods/` with all settings of the method, and a field
-//!    `NAME: Option<...>` of `Config`; `seed`, `[data]` and `[output]` have the same meaning for every method. The
-//!    published settings as `configs/methods/NAME.toml` and those for two cores as `configs/methods/NAME-small.toml`,
-//!    both in `config::PRESETS`: `volseggs train --method NAME` uses the preset of that name.
-//! 3. [`Method`], [`Training`] and [`Model`] for it, and a line in [`BUILT_IN`]; for a method that is one network, a
+//! 2. A section of the configuration: a struct with all settings of the method, which implements
+//!    [`Settings`](crate::config::sections::Settings); `seed`, `[data]` and `[output]` have the same meaning for every
+//!    method. The published settings as `configs/methods/NAME.toml` and those for two cores as
+//!    `configs/methods/NAME-small.toml`: `volseggs train --method NAME` uses the preset of that name.
+//! 3. [`Method`], [`Training`] and [`Model`] for it, and a line in `METHODS`; for a method that is one network, a
 //!    [`network::Network`] is enough, from which [`network::OneNetwork`] derives all three.
 //! 4. Tests: the method can overfit one image; a resumed run is bit-identical to an uninterrupted one.
 //!
@@ -34,24 +34,30 @@ mod d3dgs;
 mod d3dgs_tests;
 mod file;
 pub mod fourdgs;
-mod ignored;
+pub mod ignored;
 pub mod insitunet;
 mod layers;
 mod learner;
 pub mod network;
 mod pixels;
+mod ranges;
 pub mod sphere;
 #[cfg(test)]
 mod test_support;
 pub mod visnerf;
 mod volseggs;
+mod work;
 
 pub use crate::model::{Counts, Model};
 pub use crate::train::{Saved, Training};
 pub use d3dgs::D3dgs;
 pub use fourdgs::FourDgs;
 pub use volseggs::VolSegGs;
+pub use work::{GaussianWork, Work};
 
+use crate::config::PRESETS;
+use crate::config::layers::Layers;
+use crate::config::sections::Section;
 use crate::config::types::{Config, VOLSEGGS};
 use crate::data::Dataset;
 use crate::model::SceneError;
@@ -60,7 +66,6 @@ use crate::train::run::{RunContext, RunOutcome};
 use crate::train::{TrainError, check_config};
 use burn::tensor::Device;
 use std::path::Path;
-use std::sync::Arc;
 
 /// A method. One value serves the whole process: it holds no state of any run.
 pub trait Method: Send + Sync {
@@ -69,6 +74,25 @@ pub trait Method: Send + Sync {
     /// that need Gaussians refuse.
     fn has_persistent_gaussians(&self) -> bool {
         false
+    }
+
+    /// Its own section of the configuration, if it has one. It is refused for every other method.
+    fn section(&self) -> Option<Section> {
+        None
+    }
+
+    /// Presets with its settings, as (name, TOML); `volseggs train --method NAME` starts from the one of its name.
+    fn presets(&self) -> &'static [(&'static str, &'static str)] {
+        &[]
+    }
+
+    /// Rejects settings of the shared sections that it does not read: two runs that differ in nothing else would be compared
+    /// as if they differed. See [`ignored`].
+    ///
+    /// # Errors
+    /// The first such key with its value, and what to do.
+    fn check_ignored(&self, _: &Config) -> Result<(), String> {
+        Ok(())
     }
 
     /// Rejects settings of the method that no training can start with; the shared settings have been checked already.
@@ -80,7 +104,7 @@ pub trait Method: Send + Sync {
     /// Number of steps of the whole training.
     fn steps(&self, config: &Config) -> usize;
 
-    /// The cost, for the estimate of a sweep; `None` if it follows from Gaussians and the two stages, as for VolSegGS.
+    /// The cost, for the estimate of a sweep; `None` if it is that of the Gaussians and the field of the shared sections.
     fn work(&self, _: &Config) -> Option<Work> {
         None
     }
@@ -99,80 +123,57 @@ pub trait Method: Send + Sync {
     fn open(&self, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError>;
 }
 
-/// The cost of a method, for a rough estimate of its duration.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Work {
-    /// Multiply-adds of a step's forward pass.
-    pub step: f64,
-    /// Multiply-adds per pixel of a rendered image.
-    pub pixel: f64,
-    /// Bytes of the parameters with their moments, and of the values that a step keeps.
-    pub bytes: f64,
-}
+/// All methods, by name.
+pub(crate) static METHODS: Registry<dyn Method> = Registry::new(
+    "method",
+    &[
+        (VOLSEGGS, &VolSegGs),
+        (d3dgs::NAME, &D3dgs),
+        (fourdgs::NAME, &FourDgs),
+        ("coordnet", &network::OneNetwork(coordnet::CoordNet)),
+        ("insitunet", &insitunet::InSituNetMethod),
+        ("visnerf", &visnerf::VisNerfMethod),
+    ],
+);
 
-/// The built-in methods, by name.
-pub const BUILT_IN: &[(&str, &dyn Method)] = &[
-    (VOLSEGGS, &VolSegGs),
-    (d3dgs::NAME, &D3dgs),
-    (fourdgs::NAME, &FourDgs),
-    ("coordnet", &network::OneNetwork(coordnet::CoordNet)),
-    ("insitunet", &insitunet::InSituNetMethod),
-    ("visnerf", &visnerf::VisNerfMethod),
-];
-
-/// The methods registered by custom programs.
-pub(crate) static METHODS: Registry<dyn Method> = Registry::new("method");
-
-/// A method found by name.
-#[derive(Clone)]
-pub enum Found {
-    /// Built in.
-    BuiltIn(&'static dyn Method),
-    /// Registered.
-    Registered(Arc<dyn Method>),
-}
-
-impl std::ops::Deref for Found {
-    type Target = dyn Method;
-
-    fn deref(&self) -> &Self::Target {
-        match self {
-            Self::BuiltIn(method) => *method,
-            Self::Registered(method) => &**method,
-        }
-    }
-}
-
-/// Finds the method of that name; a registered one takes precedence over a built-in one.
+/// Finds the method of that name.
 ///
 /// # Errors
-/// If there is none; the message lists the available ones.
-pub fn find(name: &str) -> Result<Found, String> {
-    if let Ok(method) = METHODS.get(name) {
-        return Ok(Found::Registered(method));
-    }
-    let built_in = BUILT_IN.iter().find(|(known, _)| *known == name);
-    built_in.map(|(_, method)| Found::BuiltIn(*method)).ok_or_else(|| {
-        let known: Vec<String> = names();
-        format!("there is no method \"{name}\"; available: {}", known.join(", "))
-    })
+/// If there is none; the message lists those that there are.
+pub fn find(name: &str) -> Result<&'static dyn Method, String> {
+    METHODS.get(name).map_err(|e| e.to_string())
 }
 
-/// The names of all methods.
+/// The names of all methods: the built-in ones, then the others, sorted.
 #[must_use]
 pub fn names() -> Vec<String> {
-    let registered = METHODS.all().into_iter().map(|(name, _)| name);
-    let mut names: Vec<String> = BUILT_IN.iter().map(|(name, _)| (*name).to_owned()).chain(registered).collect();
-    names.sort();
-    names.dedup();
-    names
+    METHODS.names()
+}
+
+/// The built-in presets and those of all methods, as (name, TOML).
+#[must_use]
+pub fn presets() -> Vec<(&'static str, &'static str)> {
+    let of_methods = METHODS.all().into_iter().flat_map(|(_, method)| method.presets());
+    PRESETS.iter().chain(of_methods).copied().collect()
+}
+
+/// Layers of configurations that know the presets and the sections of all methods.
+#[must_use]
+pub fn layers() -> Layers<'static> {
+    add_sections();
+    Layers::with_presets(presets())
+}
+
+/// Makes configurations accept the sections of all methods.
+pub fn add_sections() {
+    METHODS.all().into_iter().filter_map(|(_, method)| method.section()).for_each(Section::add);
 }
 
 /// The method that a configuration names.
 ///
 /// # Errors
 /// If there is no method of that name.
-pub fn of(config: &Config) -> Result<Found, TrainError> {
+pub fn of(config: &Config) -> Result<&'static dyn Method, TrainError> {
     find(&config.method).map_err(|e| TrainError::Config(format!("method: {e}")))
 }
 
@@ -183,37 +184,29 @@ pub fn of(config: &Config) -> Result<Found, TrainError> {
 pub fn check(config: &Config) -> Result<(), TrainError> {
     let method = of(config)?;
     check_config(config)?;
-    check_sections(config, &method).map_err(TrainError::Config)?;
+    check_sections(config).map_err(TrainError::Config)?;
     method.check(config).map_err(TrainError::Config)?;
-    match method {
-        Found::BuiltIn(_) => ignored::check_read(config).map_err(TrainError::Config),
-        // only the method itself knows what it reads
-        Found::Registered(_) => Ok(()),
-    }
+    method.check_ignored(config).map_err(TrainError::Config)
 }
 
 /// Rejects sections and settings of methods other than the selected one, which would be silently ignored.
-fn check_sections(config: &Config, method: &Found) -> Result<(), String> {
-    if let (Found::BuiltIn(_), Some(key)) = (method, config.method_settings.keys().next()) {
+fn check_sections(config: &Config) -> Result<(), String> {
+    if let (true, Some(key)) = (METHODS.is_built_in(&config.method), config.method_settings.keys().next()) {
         return Err(format!(
             "method_settings.{key}: is read only by methods of custom programs; {} has its own keys (`volseggs config \
              show`)",
             config.method
         ));
     }
-    let sections = [
-        (d3dgs::NAME, config.d3dgs.is_some()),
-        (fourdgs::NAME, config.fourdgs.is_some()),
-        ("coordnet", config.coordnet.is_some()),
-        ("insitunet", config.insitunet.is_some()),
-        ("visnerf", config.visnerf.is_some()),
-    ];
-    match sections.into_iter().find(|(name, is_there)| *is_there && config.method != *name) {
+    let own = find(&config.method)?.section().map(Section::name);
+    let Some(other) = config.sections.names().find(|name| own != Some(*name)) else { return Ok(()) };
+    let owner = METHODS.all().into_iter().find(|(_, method)| method.section().is_some_and(|s| s.name() == other));
+    Err(match owner {
         Some((name, _)) => {
-            Err(format!("[{name}]: belongs to the method {name}; set method = \"{name}\", or remove the section"))
+            format!("[{other}]: belongs to the method {name}; set method = \"{name}\", or remove the section")
         }
-        None => Ok(()),
-    }
+        None => format!("[{other}]: no method has this section; remove it"),
+    })
 }
 
 /// Starts a training with the method that the configuration names.
@@ -221,6 +214,7 @@ fn check_sections(config: &Config, method: &Found) -> Result<(), String> {
 /// # Errors
 /// If the configuration is inconsistent, or training cannot start with the data.
 pub fn start(config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
+    add_sections();
     check(config)?;
     of(config)?.start(config, dataset, device)
 }

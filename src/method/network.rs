@@ -2,6 +2,7 @@
 //! functions.
 
 use super::{Counts, Method, Model, Saved, Training, Work, file};
+use crate::config::sections::Section;
 use crate::config::types::Config;
 use crate::data::{Dataset, Split};
 use crate::memory::Budget;
@@ -32,6 +33,24 @@ pub trait Network: Clone + Debug + Send + Sync + 'static {
     type Module: Module + 'static;
     /// Data that creating the network and drawing need besides its tensors; kept in the header of its file.
     type Spec: Serialize + DeserializeOwned + Clone + Debug + Send + 'static;
+
+    /// As [`Method::section`].
+    fn section(&self) -> Option<Section> {
+        None
+    }
+
+    /// As [`Method::presets`].
+    fn presets(&self) -> &'static [(&'static str, &'static str)] {
+        &[]
+    }
+
+    /// As [`Method::check_ignored`].
+    ///
+    /// # Errors
+    /// The first such key with its value, and what to do.
+    fn check_ignored(&self, _: &Config) -> Result<(), String> {
+        Ok(())
+    }
 
     /// Rejects settings that no training can start with.
     ///
@@ -120,6 +139,18 @@ struct Header<S> {
 }
 
 impl<N: Network> Method for OneNetwork<N> {
+    fn section(&self) -> Option<Section> {
+        self.0.section()
+    }
+
+    fn presets(&self) -> &'static [(&'static str, &'static str)] {
+        self.0.presets()
+    }
+
+    fn check_ignored(&self, config: &Config) -> Result<(), String> {
+        self.0.check_ignored(config)
+    }
+
     fn check(&self, config: &Config) -> Result<(), String> {
         self.0.check(config)
     }

@@ -1,8 +1,7 @@
 //! Helpers shared by the tests of several methods.
 
 use super::{Method, Model, Training};
-use crate::config::PRESETS;
-use crate::config::layers::Layers;
+use crate::config::sections::Settings;
 use crate::config::types::Config;
 use crate::data::dataset::{OpenOptions, tests::dataset};
 use crate::data::{Dataset, Split};
@@ -28,7 +27,21 @@ pub(super) fn preset(name: &str) -> Config {
 /// A built-in preset with the settings `few`, and `more` on top.
 pub(super) fn changed(preset: &str, few: &[&str], more: &[&str]) -> Config {
     let sets = few.iter().chain(more).map(|set| (*set).to_owned());
-    Layers::new(PRESETS).source(preset).sets(sets).resolve::<Config>().unwrap().value
+    method::layers().source(preset).sets(sets).resolve::<Config>().unwrap().value
+}
+
+/// The default configuration with a method and its section.
+pub(super) fn with_section<S: Settings>(method: &str, settings: &S) -> Config {
+    let mut config = Config { method: method.to_owned(), ..Config::default() };
+    config.sections.set(settings);
+    config
+}
+
+/// Edits the section of a method.
+pub(super) fn change<S: Settings>(config: &mut Config, edit: impl FnOnce(&mut S)) {
+    let mut settings = config.section::<S>().unwrap();
+    edit(&mut settings);
+    config.sections.set(&settings);
 }
 
 /// The losses of `steps` steps.

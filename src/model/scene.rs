@@ -6,8 +6,8 @@ use super::host::HostGaussians;
 use super::params::{self, FitError, HostTensor};
 use super::rendering::Rendering;
 use super::{DeformationField, Gaussians};
+use crate::config::types::D3dgsConfig;
 use crate::config::types::ModelConfig;
-use crate::config::types::methods::D3dgsConfig;
 use burn::module::Module;
 use burn::tensor::{Device, Int, Tensor};
 use glam::DVec3;
@@ -156,7 +156,6 @@ impl Scene {
 pub(crate) mod tests {
     use super::*;
     use crate::config::preset;
-    use crate::config::types::EncoderKind;
     use crate::data::paths::{Lens, training_cameras};
     use crate::device::DeviceName;
 
@@ -176,15 +175,15 @@ pub(crate) mod tests {
 
     /// Two Gaussians and a small field.
     pub fn scene() -> Scene {
-        scene_of(EncoderKind::Factorised)
+        scene_of("factorised")
     }
 
     /// The same with another encoder.
-    pub fn scene_of(encoder: EncoderKind) -> Scene {
+    pub fn scene_of(encoder: &str) -> Scene {
         let device = DeviceName::all()[0].open().unwrap();
         let mut model = preset("best").unwrap().model;
         (model.resolution, model.time_knots, model.channels, model.width, model.sh_degree) = (4, 3, 4, 8, 0);
-        (model.encoder, model.implicit_width) = (encoder, 12);
+        (model.encoder, model.implicit_width) = (encoder.into(), 12);
         let gaussians = HostGaussians {
             means: vec![0.0; 6],
             rotations: [1.0, 0.0, 0.0, 0.0].repeat(2),

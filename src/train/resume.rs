@@ -5,6 +5,7 @@
 //! next step on (a rate that had fallen to its end rises to its value in the longer schedule, and a late DSSIM moves to
 //! the new end), so a lengthened run differs from a run of that length from the start.
 
+use crate::config::sections;
 use std::collections::BTreeMap;
 use std::fmt;
 use toml::{Table, Value};
@@ -14,8 +15,6 @@ const LENGTH: &str = "stages.joint_steps";
 
 /// Key of the moving average.
 pub(super) const AVERAGE: &str = "optim.average";
-/// The file of the VGG weights, which may have moved.
-const VGG: &str = "insitunet.vgg";
 
 /// A key whose value differs from the checkpoint's.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,7 +60,7 @@ pub fn changes(was: &str, now: &str, step: usize) -> Result<(Vec<Change>, Vec<Ch
 }
 
 fn refusal(key: &str, before: Option<&Value>, after: Option<&Value>, step: usize) -> Option<String> {
-    if key.starts_with("output.") || [AVERAGE, VGG].contains(&key) {
+    if key.starts_with("output.") || key == AVERAGE || sections::may_change(key) {
         return None;
     }
     if key == LENGTH {
@@ -105,6 +104,7 @@ mod tests {
     fn logs_and_length_may_change_and_other_changes_are_named() {
         let base = text(|_| ());
         assert_eq!(changes(&base, &base, 5).unwrap(), (Vec::new(), Vec::new()));
+        crate::method::add_sections();
         let (moved, refused) = changes("[insitunet]\nvgg = 'a'", "[insitunet]\nvgg = 'b'", 5).unwrap();
         assert_eq!((moved[0].key.as_str(), refused.len()), ("insitunet.vgg", 0), "the file may have moved");
         let more = text(|c| {

@@ -1,14 +1,15 @@
 //! The loss of a step, and the network's inputs for the pixels of a view.
 
 use super::network::{INPUTS, OUTPUTS, SineNetwork, parameters, values_per_pixel};
+use super::settings::CoordNetConfig;
+use crate::config::sections::Section;
 use crate::config::types::Config;
-use crate::config::types::methods::CoordNetConfig;
 use crate::data::{Dataset, Frame};
 use crate::memory::{Budget, product};
-use crate::method::Work;
 use crate::method::network::{Network, Seen};
 use crate::method::pixels::Pixels;
 use crate::method::sphere::ViewSphere;
+use crate::method::{Work, ignored};
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::DVec3;
@@ -36,9 +37,23 @@ impl Network for CoordNet {
     type Module = SineNetwork;
     type Spec = CoordNetSpec;
 
+    fn section(&self) -> Option<Section> {
+        Some(Section::of::<CoordNetConfig>())
+    }
+
+    fn presets(&self) -> &'static [(&'static str, &'static str)] {
+        &[
+            ("coordnet", include_str!("../../../configs/methods/coordnet.toml")),
+            ("coordnet-small", include_str!("../../../configs/methods/coordnet-small.toml")),
+        ]
+    }
+
+    fn check_ignored(&self, config: &Config) -> Result<(), String> {
+        ignored::without_gaussians(config)
+    }
+
     fn check(&self, config: &Config) -> Result<(), String> {
-        let none = "method = \"coordnet\" needs the section [coordnet]: start with --method coordnet";
-        let settings = config.coordnet.as_ref().ok_or(none)?;
+        let settings = &config.section::<CoordNetConfig>()?;
         settings.check()?;
         // values that the autodiff tape keeps per hidden value
         let bytes = product(&[settings.batch, 3 * size_of::<f32>()]).saturating_mul(values_per_pixel(settings));
@@ -47,18 +62,18 @@ impl Network for CoordNet {
     }
 
     fn steps(&self, config: &Config) -> usize {
-        config.coordnet.as_ref().map_or(0, |settings| settings.steps)
+        config.section::<CoordNetConfig>().map_or(0, |settings| settings.steps)
     }
 
     fn work(&self, config: &Config) -> Option<Work> {
-        let settings = config.coordnet.as_ref()?;
+        let settings = &config.section::<CoordNetConfig>().ok()?;
         let weights = parameters(settings) as f64;
         let bytes = 20.0 * weights + 12.0 * settings.batch as f64 * values_per_pixel(settings) as f64;
-        Some(Work { step: settings.batch as f64 * weights, pixel: weights, bytes })
+        Some(Work::Network { step: settings.batch as f64 * weights, pixel: weights, bytes })
     }
 
     fn spec(&self, config: &Config, dataset: &Dataset) -> CoordNetSpec {
-        CoordNetSpec { config: config.coordnet.clone().unwrap_or_default(), sphere: ViewSphere::of(&dataset.train) }
+        CoordNetSpec { config: config.section().unwrap_or_default(), sphere: ViewSphere::of(&dataset.train) }
     }
 
     fn parameters(&self, spec: &CoordNetSpec) -> Result<u128, String> {
@@ -95,7 +110,7 @@ impl Network for CoordNet {
     }
 
     fn rate(&self, _: &str, _: usize, config: &Config) -> Option<f64> {
-        config.coordnet.as_ref().map(|settings| settings.rate)
+        config.section::<CoordNetConfig>().ok().map(|settings| settings.rate)
     }
 
     fn place(&self, spec: &CoordNetSpec) -> (DVec3, f64) {

@@ -17,8 +17,10 @@
 
 mod method;
 pub mod network;
+mod settings;
 
 #[cfg(test)]
 mod tests;
 
 pub use method::{CoordNet, CoordNetSpec};
+pub use settings::CoordNetConfig;

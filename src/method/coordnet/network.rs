@@ -1,7 +1,7 @@
 //! The network: residual blocks of sines.
 
-use crate::config::types::methods::CoordNetConfig;
 use crate::memory::product;
+use crate::method::coordnet::CoordNetConfig;
 use crate::method::layers::{layer, pytorch_bound};
 use crate::model::implicit::Layer;
 use crate::rng::{Purpose, Rng};

@@ -1,10 +1,12 @@
 use super::CoordNet;
 use super::method::pixel_inputs;
 use crate::config::types::Config;
-use crate::config::types::methods::CoordNetConfig;
 use crate::method::Method;
+use crate::method::coordnet::CoordNetConfig;
 use crate::method::network::{Network, OneNetwork};
-use crate::method::test_support::{ball, check_resume, check_threads, device, error_of, preset, psnr};
+use crate::method::test_support::{
+    ball, change, check_resume, check_threads, device, error_of, preset, psnr, with_section,
+};
 
 const METHOD: OneNetwork<CoordNet> = OneNetwork(CoordNet);
 
@@ -18,7 +20,7 @@ fn config(steps: usize) -> Config {
         rate: 1e-3,
         ..CoordNetConfig::default()
     };
-    Config { method: "coordnet".into(), coordnet: Some(settings), ..Config::default() }
+    with_section("coordnet", &settings)
 }
 
 #[test]
@@ -43,7 +45,7 @@ fn a_resumed_training_has_the_bits_of_a_whole_one() {
 fn bits_do_not_depend_on_the_number_of_threads() {
     let mut config = config(3);
     // large enough for the matrix products to be split among threads
-    config.coordnet.as_mut().unwrap().widths = vec![64, 128];
+    change(&mut config, |settings: &mut CoordNetConfig| settings.widths = vec![64, 128]);
     check_threads(&METHOD, &config, &ball(2, 32));
 }
 
@@ -60,8 +62,7 @@ fn pixels_reach_from_edge_to_edge() {
 fn decay_alone_is_the_published_one() {
     // where the image's own gradient is negligible, Adam's first step moves every weight towards 0 by the rate
     let mut config = config(1);
-    let settings = config.coordnet.as_mut().unwrap();
-    (settings.weight_decay, settings.rate) = (1e6, 1e-4);
+    change(&mut config, |c: &mut CoordNetConfig| (c.weight_decay, c.rate) = (1e6, 1e-4));
     let data = ball(1, 16);
     let mut training = METHOD.start(&config, &data, &device()).unwrap();
     let before = training.model().parameters();
@@ -86,14 +87,15 @@ fn invalid_settings_and_files_are_refused() {
     ];
     for (edit, words) in cases {
         let mut config = config(1);
-        edit(config.coordnet.as_mut().unwrap());
+        change(&mut config, edit);
         let error = METHOD.check(&config).unwrap_err();
         assert!(error.contains(words), "{error}");
     }
-    let none = Config { coordnet: None, ..config(1) };
+    let mut none = config(1);
+    none.sections.remove("coordnet");
     assert!(METHOD.check(&none).unwrap_err().contains("[coordnet]"));
     let mut large = config(1);
-    large.coordnet.as_mut().unwrap().batch = usize::MAX;
+    change(&mut large, |settings: &mut CoordNetConfig| settings.batch = usize::MAX);
     let data = ball(1, 16);
     let error = METHOD.check(&large).unwrap_err();
     assert!(error.contains("coordnet.batch = 18446744073709551615"), "{error}");
@@ -110,7 +112,7 @@ fn invalid_settings_and_files_are_refused() {
 #[test]
 fn presets_are_the_published_settings_and_smaller_ones() {
     let published = preset("coordnet");
-    assert_eq!((published.method.as_str(), published.coordnet), ("coordnet", Some(CoordNetConfig::default())));
+    assert_eq!((published.method.as_str(), published.section()), ("coordnet", Ok(CoordNetConfig::default())));
     let small = preset("coordnet-small");
     crate::method::check(&small).unwrap();
     let spec = METHOD.0.spec(&small, &ball(2, 16));

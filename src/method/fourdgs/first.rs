@@ -2,8 +2,8 @@
 
 use super::model::{Scene4d, Spec};
 use crate::config::types::Config;
-use crate::config::types::methods::FourDgsConfig;
 use crate::data::Split;
+use crate::method::fourdgs::FourDgsConfig;
 use crate::model::HostGaussians;
 use crate::model::params::HostTensor;
 use crate::rng::{Purpose, Rng};

@@ -1,12 +1,14 @@
 //! 4DGS as a method.
 
 use super::model::Scene4d;
+use super::settings::FourDgsConfig;
 use super::training::Fit;
-use crate::config::types::{Appearance, Config, DensifyMode, EncoderKind, ShBands, WarmupTimes};
+use crate::config::sections::Section;
+use crate::config::types::{Appearance, Config, ShBands, WarmupTimes};
 use crate::data::Dataset;
-use crate::method::{Method, Model, Training};
+use crate::method::{GaussianWork, Method, Model, Training, Work, ignored};
 use crate::model::SceneError;
-use crate::train::TrainError;
+use crate::train::{TrainError, densify};
 use burn::tensor::Device;
 use std::path::Path;
 
@@ -19,10 +21,23 @@ pub struct FourDgs;
 pub(in crate::method) const NAME: &str = "4dgs";
 
 impl Method for FourDgs {
+    fn section(&self) -> Option<Section> {
+        Some(Section::of::<FourDgsConfig>())
+    }
+
+    fn presets(&self) -> &'static [(&'static str, &'static str)] {
+        &[
+            ("4dgs", include_str!("../../../configs/methods/4dgs.toml")),
+            ("4dgs-small", include_str!("../../../configs/methods/4dgs-small.toml")),
+        ]
+    }
+
+    fn check_ignored(&self, config: &Config) -> Result<(), String> {
+        ignored::without_field(config)
+    }
+
     fn check(&self, config: &Config) -> Result<(), String> {
-        let Some(settings) = &config.fourdgs else {
-            return Err(format!("method = \"{NAME}\" needs the section [{NAME}]: start with --method {NAME}"));
-        };
+        let settings = config.section::<FourDgsConfig>()?;
         settings.check()?;
         check_shared(config)?;
         if settings.time_threshold > 0.0 && config.densify.threshold == 0.0 {
@@ -38,11 +53,16 @@ impl Method for FourDgs {
         config.stages.warmup_steps
     }
 
+    fn work(&self, config: &Config) -> Option<Work> {
+        let settings = config.section::<FourDgsConfig>().ok()?;
+        let kept = settings.kept_values(config.model.sh_degree) as f64;
+        // it has no other stage, and its Gaussians cost as much as those with a field
+        Some(Work::Gaussians(GaussianWork { field: 1.0, products: 0.0, kept, in_warmup: true }))
+    }
+
     fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
-        let Some(settings) = &config.fourdgs else {
-            return Err(TrainError::Config(self.check(config).err().unwrap_or_default()));
-        };
-        Ok(Box::new(Fit::new(config, settings, dataset, device)?))
+        let settings = config.section::<FourDgsConfig>().map_err(TrainError::Config)?;
+        Ok(Box::new(Fit::new(config, &settings, dataset, device)?))
     }
 
     fn open(&self, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError> {
@@ -74,7 +94,7 @@ fn check_shared(config: &Config) -> Result<(), String> {
             "its harmonics of direction and time have all bands; remove the key",
         ),
         (
-            config.model.encoder != EncoderKind::Factorised,
+            config.model.encoder != "factorised",
             "model.encoder".to_owned(),
             "it has no field, so no encoder; remove the key",
         ),
@@ -104,8 +124,8 @@ fn check_shared(config: &Config) -> Result<(), String> {
             "its Gaussians fade by their own times; no field changes their opacity",
         ),
         (
-            config.densify.mode == DensifyMode::Relocate,
-            "densify.mode = \"relocate\"".to_owned(),
+            densify::rule_of(config).shares_opacity(),
+            format!("densify.mode = \"{}\"", config.densify.mode),
             "how copies would share an opacity that varies over time is not known",
         ),
         (average > 0, format!("optim.average = {average}"), "not with this method"),

@@ -27,6 +27,7 @@ mod reference;
 mod rigid;
 mod rotation;
 mod rows;
+mod settings;
 #[cfg(test)]
 mod tests;
 mod training;
@@ -39,3 +40,4 @@ pub use method::FourDgs;
 pub(super) use method::NAME;
 pub use moment::Moment;
 pub use rotation::rotation_matrices;
+pub use settings::FourDgsConfig;

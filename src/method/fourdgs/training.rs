@@ -4,11 +4,12 @@ use super::first::first;
 use super::model::Scene4d;
 use super::rigid::Neighbours;
 use super::rows;
+use super::settings::FourDgsConfig;
 use crate::config::types::Config;
-use crate::config::types::methods::FourDgsConfig;
 use crate::data::{Dataset, Split};
 use crate::memory::Budget;
 use crate::model::params::{self, HostTensor, to_vec};
+use crate::model::size::ModelSizes;
 use crate::model::{Model, Rendering};
 use crate::rng::{Purpose, Rng};
 use crate::train::budget::{ViewSizes, check_memory};
@@ -62,8 +63,8 @@ impl Fit {
         let images = &dataset.train.images;
         let size = [images.width as usize, images.height as usize];
         let runs_ahead = crate::device::runs_ahead(device);
-        check_memory(config, ViewSizes::from_split(&dataset.train), runs_ahead, Budget::now())?;
-        check_device(config, config.init.points, size, device)?;
+        check_memory(config, sizes, ViewSizes::from_split(&dataset.train), runs_ahead, Budget::now())?;
+        check_device(config, &sizes(config), config.init.points, size, device)?;
         let shown = evaluation_background(&config.data.background)?;
         let device = device.clone().autodiff();
         let scene = first(&dataset.train, config, settings, shown, &device)?;
@@ -155,7 +156,7 @@ impl Fit {
     ) -> Result<Tensor<1>, TrainError> {
         let distance = losses::photometric(image.clone(), target.clone(), &self.config.loss);
         let mut loss = distance.loss.mul_scalar(self.config.loss.weight as f32);
-        let dssim = stage.dssim_weight(&self.config);
+        let dssim = losses::dssim_weight(&self.config, stage);
         if dssim > 0.0 {
             loss = loss + losses::dssim(image, target).mul_scalar(dssim as f32);
         }
@@ -326,6 +327,14 @@ impl Training for Fit {
     fn first_primitives(&self) -> usize {
         self.initial
     }
+}
+
+/// Sizes of its model.
+fn sizes(config: &Config) -> ModelSizes {
+    let (settings, degree) = (config.section::<FourDgsConfig>().unwrap_or_default(), config.model.sh_degree);
+    let (attributes, colours) = (settings.numbers(degree), settings.colours(degree));
+    let kept = settings.kept_values(degree);
+    ModelSizes { attributes, colours, parameters: 0, kept, inputs: 0, width: 0, widest: 0 }
 }
 
 /// Learning rate of a parameter by its name: as in 3DGS; quaternions use that of its rotations.

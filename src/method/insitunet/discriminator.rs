@@ -3,7 +3,7 @@
 use super::generator::{Encoder, GROUPS};
 use super::layers::{Conv, halved, orthogonal_layer};
 use super::spectral;
-use crate::config::types::methods::InSituNetConfig;
+use crate::method::insitunet::InSituNetConfig;
 use crate::method::layers::parameter;
 use crate::model::implicit::Layer;
 use crate::rng::Rng;

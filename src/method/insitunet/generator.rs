@@ -1,8 +1,8 @@
 //! The generator: maps a time and a view direction to an image.
 
 use super::layers::{BatchNorm, Conv, Moments, doubled, orthogonal_layer};
-use crate::config::types::methods::InSituNetConfig;
 use crate::memory::product;
+use crate::method::insitunet::InSituNetConfig;
 use crate::method::layers::parameter;
 use crate::model::implicit::Layer;
 use crate::rng::Rng;

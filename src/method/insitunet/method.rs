@@ -1,12 +1,13 @@
 //! InSituNet as a [`Method`].
 
 use super::generator::{GROUPS, image_values, parameters};
-use super::model::{InSituNet, NAME};
+use super::model::InSituNet;
+use super::settings::InSituNetConfig;
 use super::training::InSituNetTraining;
+use crate::config::sections::Section;
 use crate::config::types::Config;
-use crate::config::types::methods::InSituNetConfig;
 use crate::data::Dataset;
-use crate::method::{Method, Model, Training, Work};
+use crate::method::{Method, Model, Training, Work, ignored};
 use crate::model::SceneError;
 use crate::train::TrainError;
 use burn::tensor::Device;
@@ -16,22 +17,32 @@ use std::path::Path;
 #[derive(Clone, Copy, Debug)]
 pub struct InSituNetMethod;
 
-fn settings(config: &Config) -> Result<&InSituNetConfig, String> {
-    let settings = config.insitunet.as_ref();
-    settings.ok_or_else(|| format!("method = \"{NAME}\" needs the section [{NAME}]: start with --method {NAME}"))
-}
-
 impl Method for InSituNetMethod {
+    fn section(&self) -> Option<Section> {
+        Some(Section::of::<InSituNetConfig>())
+    }
+
+    fn presets(&self) -> &'static [(&'static str, &'static str)] {
+        &[
+            ("insitunet", include_str!("../../../configs/methods/insitunet.toml")),
+            ("insitunet-small", include_str!("../../../configs/methods/insitunet-small.toml")),
+        ]
+    }
+
+    fn check_ignored(&self, config: &Config) -> Result<(), String> {
+        ignored::without_gaussians(config)
+    }
+
     fn check(&self, config: &Config) -> Result<(), String> {
-        settings(config)?.check()
+        config.section::<InSituNetConfig>()?.check()
     }
 
     fn steps(&self, config: &Config) -> usize {
-        config.insitunet.as_ref().map_or(0, |settings| settings.steps)
+        config.section::<InSituNetConfig>().map_or(0, |settings| settings.steps)
     }
 
     fn work(&self, config: &Config) -> Option<Work> {
-        let settings = config.insitunet.as_ref()?;
+        let settings = &config.section::<InSituNetConfig>().ok()?;
         let of_pictures = |channels: &[usize]| -> f64 {
             let of = |(k, pair): (usize, &[usize])| {
                 let (side, [i, o]) = ((8usize << k) as f64, [pair[0] as f64, pair[1] as f64]);
@@ -49,11 +60,11 @@ impl Method for InSituNetMethod {
         let [trained, statistics] = parameters(settings, &GROUPS);
         let bytes = 20.0 * (trained + statistics) as f64 + 32.0 * batch * image_values(settings) as f64;
         let pixels = (settings.side() * settings.side()) as f64;
-        Some(Work { step: batch * (generator + critic), pixel: generator / pixels, bytes })
+        Some(Work::Network { step: batch * (generator + critic), pixel: generator / pixels, bytes })
     }
 
     fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
-        let settings = settings(config).map_err(TrainError::Config)?;
+        let settings = &config.section::<InSituNetConfig>().map_err(TrainError::Config)?;
         Ok(Box::new(InSituNetTraining::new(settings, config, dataset, device)?))
     }
 

@@ -23,6 +23,7 @@ pub mod layers;
 mod method;
 mod model;
 pub mod resize;
+mod settings;
 pub mod spectral;
 mod training;
 
@@ -31,4 +32,5 @@ mod tests;
 
 pub use method::InSituNetMethod;
 pub use model::{InSituNet, InSituNetSpec};
+pub use settings::{AdversarialLoss, InSituNetConfig};
 pub use training::InSituNetTraining;

@@ -3,9 +3,9 @@
 use super::generator::{GROUPS, Generator, image_values, parameters};
 use super::layers::STATISTICS;
 use super::resize::resized;
-use crate::config::types::methods::InSituNetConfig;
 use crate::memory::Budget;
 use crate::method::file;
+use crate::method::insitunet::InSituNetConfig;
 use crate::method::learner::plain;
 use crate::method::sphere::ViewSphere;
 use crate::model::params::{self, HostTensor};

@@ -1,8 +1,10 @@
 use super::InSituNetMethod;
 use crate::config::types::Config;
-use crate::config::types::methods::{AdversarialLoss, InSituNetConfig};
 use crate::method::Method;
-use crate::method::test_support::{ball, check_resume, check_threads, device, error_of, preset, psnr};
+use crate::method::insitunet::{AdversarialLoss, InSituNetConfig};
+use crate::method::test_support::{
+    ball, change, check_resume, check_threads, device, error_of, preset, psnr, with_section,
+};
 
 /// Images of 8x8, pixels compared, no discriminator.
 fn config(steps: usize) -> Config {
@@ -18,13 +20,13 @@ fn config(steps: usize) -> Config {
         adversarial: 0.0,
         ..InSituNetConfig::default()
     };
-    Config { method: "insitunet".into(), insitunet: Some(settings), ..Config::default() }
+    with_section("insitunet", &settings)
 }
 
 /// As [`config`], with a discriminator.
 fn adversarial(steps: usize) -> Config {
     let mut config = config(steps);
-    config.insitunet.as_mut().unwrap().adversarial = 1e-2;
+    change(&mut config, |settings: &mut InSituNetConfig| settings.adversarial = 1e-2);
     config
 }
 
@@ -58,8 +60,7 @@ fn bits_do_not_depend_on_the_number_of_threads() {
 fn without_weights_of_vgg_pixels_are_compared() {
     let losses = |perceptual: f64, pixel: f64| {
         let mut config = config(3);
-        let settings = config.insitunet.as_mut().unwrap();
-        (settings.perceptual, settings.pixel) = (perceptual, pixel);
+        change(&mut config, |c: &mut InSituNetConfig| (c.perceptual, c.pixel) = (perceptual, pixel));
         let data = ball(2, 8);
         InSituNetMethod.check(&config).unwrap();
         let mut training = InSituNetMethod.start(&config, &data, &device()).unwrap();
@@ -73,9 +74,10 @@ fn without_weights_of_vgg_pixels_are_compared() {
 fn training_on_vgg_features_approaches_the_images() {
     let Some(folder) = volseggs_testing::test_data("weights", volseggs_testing::Need::Weights) else { return };
     let mut config = config(60);
-    let settings = config.insitunet.as_mut().unwrap();
-    (settings.perceptual, settings.pixel) = (1.0, 0.0);
-    settings.vgg = folder.join("lpips_vgg16_v0.1_f16.safetensors").display().to_string();
+    change(&mut config, |c: &mut InSituNetConfig| {
+        (c.perceptual, c.pixel) = (1.0, 0.0);
+        c.vgg = folder.join("lpips_vgg16_v0.1_f16.safetensors").display().to_string();
+    });
     let data = ball(2, 8);
     let mut training = InSituNetMethod.start(&config, &data, &device()).unwrap();
     let before = psnr(training.model(), &data.train, 0);
@@ -90,9 +92,8 @@ fn training_on_vgg_features_approaches_the_images() {
 fn the_discriminator_learns_to_distinguish() {
     for loss in [AdversarialLoss::Vanilla, AdversarialLoss::Hinge] {
         let mut config = adversarial(3);
-        let settings = config.insitunet.as_mut().unwrap();
         // the generator stands still, so that only the discriminator can change its own loss
-        (settings.adversarial_loss, settings.rate, settings.adversarial) = (loss, 1e-12, 1.0);
+        change(&mut config, |c: &mut InSituNetConfig| (c.adversarial_loss, c.rate, c.adversarial) = (loss, 1e-12, 1.0));
         let data = ball(2, 8);
         let mut training = InSituNetMethod.start(&config, &data, &device()).unwrap();
         let losses: Vec<f64> = (0..20).map(|_| training.step(&data.train).unwrap().loss).collect();
@@ -114,7 +115,7 @@ fn invalid_settings_and_files_are_refused() {
     ];
     for (edit, words) in cases {
         let mut config = config(1);
-        edit(config.insitunet.as_mut().unwrap());
+        change(&mut config, edit);
         let error = InSituNetMethod.check(&config).unwrap_err();
         assert!(error.contains(words), "{error}");
     }
@@ -122,11 +123,10 @@ fn invalid_settings_and_files_are_refused() {
     let refused =
         |config: &Config| InSituNetMethod.start(config, &data, &device()).map(|_| ()).unwrap_err().to_string();
     let mut large = config(1);
-    large.insitunet.as_mut().unwrap().batch = usize::MAX;
+    change(&mut large, |settings: &mut InSituNetConfig| settings.batch = usize::MAX);
     assert!(refused(&large).contains("insitunet.batch"));
     let mut missing = config(1);
-    let settings = missing.insitunet.as_mut().unwrap();
-    (settings.perceptual, settings.vgg) = (1.0, "nowhere.safetensors".into());
+    change(&mut missing, |c: &mut InSituNetConfig| (c.perceptual, c.vgg) = (1.0, "nowhere.safetensors".into()));
     let error = refused(&missing);
     assert!(error.contains("insitunet.vgg") && error.contains("nowhere.safetensors"), "{error}");
     let error = error_of(&InSituNetMethod, |t| drop(t.pop_first()), &config(1), &data);
@@ -136,9 +136,9 @@ fn invalid_settings_and_files_are_refused() {
 #[test]
 fn presets_are_the_published_settings_and_smaller_ones() {
     let published = preset("insitunet");
-    assert_eq!((published.method.as_str(), &published.insitunet), ("insitunet", &Some(InSituNetConfig::default())));
-    assert_eq!(published.insitunet.unwrap().side(), 1024);
+    assert_eq!((published.method.as_str(), published.section()), ("insitunet", Ok(InSituNetConfig::default())));
+    assert_eq!(published.section::<InSituNetConfig>().unwrap().side(), 1024);
     let small = preset("insitunet-small");
     crate::method::check(&small).unwrap();
-    assert_eq!(small.insitunet.unwrap().side(), 64);
+    assert_eq!(small.section::<InSituNetConfig>().unwrap().side(), 64);
 }

@@ -75,8 +75,8 @@ fn time_variation(grid: &Grid) -> Option<Tensor<1>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::types::methods::VisNerfConfig;
     use crate::method::test_support::device;
+    use crate::method::visnerf::VisNerfConfig;
     use crate::model::params::to_vec;
     use burn::module::Param;
 

@@ -1,11 +1,12 @@
 //! ViSNeRF as a [`Method`].
 
-use super::model::{NAME, VisNerf};
+use super::model::VisNerf;
+use super::settings::VisNerfConfig;
 use super::training::VisNerfTraining;
+use crate::config::sections::Section;
 use crate::config::types::Config;
-use crate::config::types::methods::VisNerfConfig;
 use crate::data::Dataset;
-use crate::method::{Method, Model, Training, Work};
+use crate::method::{Method, Model, Training, Work, ignored};
 use crate::model::SceneError;
 use crate::train::TrainError;
 use burn::tensor::Device;
@@ -14,11 +15,6 @@ use std::path::Path;
 /// ViSNeRF, see [`super`]. Its settings are the section `[visnerf]`.
 #[derive(Clone, Copy, Debug)]
 pub struct VisNerfMethod;
-
-fn settings(config: &Config) -> Result<&VisNerfConfig, String> {
-    let settings = config.visnerf.as_ref();
-    settings.ok_or_else(|| format!("method = \"{NAME}\" needs the section [{NAME}]: start with --method {NAME}"))
-}
 
 /// Number of values in the planes, and of weights in the two networks that a sample passes through.
 fn sizes(settings: &VisNerfConfig) -> [f64; 2] {
@@ -30,16 +26,31 @@ fn sizes(settings: &VisNerfConfig) -> [f64; 2] {
 }
 
 impl Method for VisNerfMethod {
+    fn section(&self) -> Option<Section> {
+        Some(Section::of::<VisNerfConfig>())
+    }
+
+    fn presets(&self) -> &'static [(&'static str, &'static str)] {
+        &[
+            ("visnerf", include_str!("../../../configs/methods/visnerf.toml")),
+            ("visnerf-small", include_str!("../../../configs/methods/visnerf-small.toml")),
+        ]
+    }
+
+    fn check_ignored(&self, config: &Config) -> Result<(), String> {
+        ignored::without_gaussians(config)
+    }
+
     fn check(&self, config: &Config) -> Result<(), String> {
-        settings(config)?.check()
+        config.section::<VisNerfConfig>()?.check()
     }
 
     fn steps(&self, config: &Config) -> usize {
-        config.visnerf.as_ref().map_or(0, |settings| settings.steps)
+        config.section::<VisNerfConfig>().map_or(0, |settings| settings.steps)
     }
 
     fn work(&self, config: &Config) -> Option<Work> {
-        let settings = config.visnerf.as_ref()?;
+        let settings = &config.section::<VisNerfConfig>().ok()?;
         let [planes, weights] = sizes(settings);
         // rays cross about half of the box's longest chord, and the number of samples along it grows during training
         let samples = 0.25 * (settings.samples_first + settings.samples_last) as f64;
@@ -47,11 +58,11 @@ impl Method for VisNerfMethod {
         let rays = settings.batch as f64;
         let kept = 8.0 * (settings.width + settings.density_ranks + settings.appearance_ranks) as f64;
         let bytes = 4.0 * (5.0 * planes + rays * samples * kept);
-        Some(Work { step: rays * samples * weights, pixel: of_picture * weights, bytes })
+        Some(Work::Network { step: rays * samples * weights, pixel: of_picture * weights, bytes })
     }
 
     fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
-        let settings = settings(config).map_err(TrainError::Config)?;
+        let settings = &config.section::<VisNerfConfig>().map_err(TrainError::Config)?;
         Ok(Box::new(VisNerfTraining::new(settings, config, dataset, device)?))
     }
 

@@ -27,6 +27,7 @@ mod model;
 pub mod network;
 pub mod occupancy;
 pub mod rays;
+mod settings;
 mod training;
 
 #[cfg(test)]
@@ -34,4 +35,5 @@ mod tests;
 
 pub use method::VisNerfMethod;
 pub use model::{VisNerf, VisNerfSpec};
+pub use settings::VisNerfConfig;
 pub use training::VisNerfTraining;

@@ -1,8 +1,8 @@
 //! Grids and networks: density of positions, colour of positions seen from directions.
 
 use super::grid::{Grid, GridSize, Times};
-use crate::config::types::methods::VisNerfConfig;
 use crate::method::layers::{layer, pytorch_bound, softplus};
+use crate::method::visnerf::VisNerfConfig;
 use crate::model::implicit::Layer;
 use crate::rng::{Purpose, Rng};
 use burn::module::Module;

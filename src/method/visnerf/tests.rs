@@ -1,8 +1,10 @@
 use super::{VisNerf, VisNerfMethod, VisNerfSpec};
 use crate::config::types::Config;
-use crate::config::types::methods::VisNerfConfig;
 use crate::data::Dataset;
-use crate::method::test_support::{ball, check_resume, check_threads, device, error_of, preset, psnr};
+use crate::method::test_support::{
+    ball, change, check_resume, check_threads, device, error_of, preset, psnr, with_section,
+};
+use crate::method::visnerf::VisNerfConfig;
 use crate::method::{Method, Model};
 use crate::model::params::to_vec;
 
@@ -24,13 +26,13 @@ fn config(steps: usize) -> Config {
         occupancy_every: 2,
         ..VisNerfConfig::default()
     };
-    Config { method: "visnerf".into(), visnerf: Some(settings), ..Config::default() }
+    with_section("visnerf", &settings)
 }
 
 #[test]
 fn one_image_is_learnt_by_heart() {
     let (data, mut config) = (ball(1, 16), config(150));
-    config.visnerf.as_mut().unwrap().occupancy_every = 60;
+    change(&mut config, |settings: &mut VisNerfConfig| settings.occupancy_every = 60);
     VisNerfMethod.check(&config).unwrap();
     let mut training = VisNerfMethod.start(&config, &data, &device()).unwrap();
     let before = psnr(training.model(), &data.train, 0);
@@ -45,7 +47,7 @@ fn one_image_is_learnt_by_heart() {
 fn a_resumed_training_has_the_bits_of_a_whole_one() {
     let mut config = config(5);
     // cells are marked at steps 2 and 4, Adam restarts at 4: on either side of the stop
-    config.visnerf.as_mut().unwrap().restarts = vec![4];
+    change(&mut config, |settings: &mut VisNerfConfig| settings.restarts = vec![4]);
     check_resume(&VisNerfMethod, &config, &ball(4, 16));
 }
 
@@ -57,7 +59,7 @@ fn bits_do_not_depend_on_the_number_of_threads() {
 /// A model of a ball's views with a density network that gives one density everywhere and a colour network that gives
 /// grey.
 fn constant(data: &Dataset, density: f64) -> VisNerf {
-    let settings = config(1).visnerf.unwrap();
+    let settings = config(1).section::<VisNerfConfig>().unwrap();
     let spec = VisNerfSpec::new(&settings, &data.train, [1.0; 3]).unwrap();
     let mut model = VisNerf::new(spec, 0, &device());
     // the output biases start at 0: softplus(out - shift) with output weights of 0
@@ -95,8 +97,9 @@ fn a_constant_medium_has_its_closed_form() {
 fn empty_places_are_passed_over_and_change_no_picture() {
     let data = ball(4, 16);
     let mut config = config(150);
-    let settings = config.visnerf.as_mut().unwrap();
-    (settings.occupancy, settings.occupancy_every, settings.occupancy_threshold) = (16, 50, 0.002);
+    change(&mut config, |c: &mut VisNerfConfig| {
+        (c.occupancy, c.occupancy_every, c.occupancy_threshold) = (16, 50, 0.002);
+    });
     let mut training = VisNerfMethod.start(&config, &data, &device()).unwrap();
     for _ in 0..150 {
         training.step(&data.train).unwrap();
@@ -117,7 +120,7 @@ fn empty_places_are_passed_over_and_change_no_picture() {
 #[test]
 fn the_box_is_cut_into_cubes() {
     let data = ball(4, 16);
-    let spec = VisNerfSpec::new(&config(1).visnerf.unwrap(), &data.train, [1.0; 3]).unwrap();
+    let spec = VisNerfSpec::new(&config(1).section::<VisNerfConfig>().unwrap(), &data.train, [1.0; 3]).unwrap();
     let sides: Vec<f32> = (0..3).map(|k| 2.0 * spec.half[k] / spec.resolution[k] as f32).collect();
     assert!(sides.iter().all(|s| (s / sides[0] - 1.0).abs() < 0.15), "{sides:?}");
     let voxels: usize = spec.resolution.iter().product();
@@ -139,16 +142,17 @@ fn invalid_settings_and_files_are_refused() {
     ];
     for (edit, words) in cases {
         let mut config = config(1);
-        edit(config.visnerf.as_mut().unwrap());
+        change(&mut config, edit);
         let error = VisNerfMethod.check(&config).unwrap_err();
         assert!(error.contains(words), "{error}");
     }
-    let none = Config { visnerf: None, ..config(1) };
+    let mut none = config(1);
+    none.sections.remove("visnerf");
     assert!(VisNerfMethod.check(&none).unwrap_err().contains("[visnerf]"));
     let data = ball(2, 16);
     for edit in [|c: &mut VisNerfConfig| c.batch = usize::MAX, |c: &mut VisNerfConfig| c.voxels = usize::MAX] {
         let mut large = config(1);
-        edit(large.visnerf.as_mut().unwrap());
+        change(&mut large, edit);
         let error = VisNerfMethod.start(&large, &data, &device()).map(|_| ()).unwrap_err().to_string();
         assert!(error.contains("visnerf.batch") && error.contains("memory"), "{error}");
     }
@@ -159,6 +163,6 @@ fn invalid_settings_and_files_are_refused() {
 #[test]
 fn presets_are_the_published_settings_and_smaller_ones() {
     let published = preset("visnerf");
-    assert_eq!((published.method.as_str(), published.visnerf), ("visnerf", Some(VisNerfConfig::default())));
+    assert_eq!((published.method.as_str(), published.section()), ("visnerf", Ok(VisNerfConfig::default())));
     crate::method::check(&preset("visnerf-small")).unwrap();
 }

@@ -1,5 +1,6 @@
 //! `4dgs.*`
 
+use crate::config::sections::Settings;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -29,6 +30,10 @@ pub struct FourDgsConfig {
     pub rigid_neighbours: usize,
     /// Steps between searches for neighbours.
     pub rigid_every: usize,
+}
+
+impl Settings for FourDgsConfig {
+    const SECTION: &'static str = "4dgs";
 }
 
 impl Default for FourDgsConfig {

@@ -1,5 +1,6 @@
 //! `d3dgs.*`
 
+use crate::config::sections::Settings;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -29,6 +30,10 @@ pub struct D3dgsConfig {
     pub time_noise: f64,
     /// Steps of the whole training over which this noise decays linearly to zero.
     pub time_noise_steps: usize,
+}
+
+impl Settings for D3dgsConfig {
+    const SECTION: &'static str = "d3dgs";
 }
 
 impl Default for D3dgsConfig {

@@ -1,20 +1,17 @@
-//! An encoder registered in [`crate::extend`]: holds its learnt values as burn parameters.
+//! An encoder made from an [`EncoderDefinition`], such as those of other programs: holds its learnt values as burn
+//! parameters.
 
-use super::encoder_definition::{EncoderDefinition, Parameter, Parameters, find_encoder};
+use super::encoder::{Encoder, EncoderFactory};
+use super::encoder_definition::{EncoderDefinition, Parameter, Parameters};
 use crate::config::types::ModelConfig;
-use crate::registry::NotRegistered;
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use std::fmt;
-use std::sync::Arc;
 
-/// Why a configuration's registered encoder cannot be created.
+/// Why an encoder cannot be made from its definition.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ExtraEncoderError {
-    /// It is not registered.
-    #[error("model.extra_encoder: {0}")]
-    NotRegistered(#[from] NotRegistered),
+pub enum DefinitionError {
     /// It has no features.
     #[error("encoder \"{0}\" has 0 features: at least 1")]
     NoFeatures(String),
@@ -30,39 +27,43 @@ pub enum ExtraEncoderError {
     },
 }
 
-/// A registered encoder and its parameters.
+/// An encoder with its definition and its parameters.
 #[derive(Module, Debug)]
-pub struct ExtraEncoder {
+pub struct DefinedEncoder {
     /// The parameters, each flat, in the definition's order.
     pub values: Vec<Param<Tensor<1>>>,
     #[module(skip)]
-    kind: Kind,
+    fixed: Fixed,
 }
 
 /// The parts that are not learnt.
 #[derive(Clone)]
-struct Kind {
+struct Fixed {
     name: String,
-    definition: Arc<dyn EncoderDefinition>,
+    definition: &'static dyn EncoderDefinition,
     /// Name and shape of each parameter.
     layout: Vec<(String, Vec<usize>)>,
     features: usize,
 }
 
-impl fmt::Debug for Kind {
+impl fmt::Debug for Fixed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Kind").field("name", &self.name).field("layout", &self.layout).finish_non_exhaustive()
+        f.debug_struct("Fixed").field("name", &self.name).field("layout", &self.layout).finish_non_exhaustive()
     }
 }
 
-impl ExtraEncoder {
-    /// The encoder `config.extra_encoder` at its initial values.
+impl DefinedEncoder {
+    /// The encoder `config.encoder` of that definition at its initial values.
     ///
     /// # Errors
-    /// If it is not registered or its definition is inconsistent.
-    pub fn new(config: &ModelConfig, seed: u64, device: &Device) -> Result<Self, ExtraEncoderError> {
-        let (definition, parameters) = define(config, seed)?;
-        let name = config.extra_encoder.clone();
+    /// If the definition is inconsistent.
+    pub fn new(
+        definition: &'static dyn EncoderDefinition,
+        config: &ModelConfig,
+        seed: u64,
+        device: &Device,
+    ) -> Result<Self, DefinitionError> {
+        let parameters = define(definition, config, seed)?;
         let features = definition.features(config);
         let layout = parameters.iter().map(|p| (p.name.clone(), p.shape.clone())).collect();
         let value = |p: Parameter| {
@@ -70,28 +71,20 @@ impl ExtraEncoder {
             Param::from_tensor(Tensor::from_data(TensorData::new(p.start, [len]), device))
         };
         let values = parameters.into_iter().map(value).collect();
-        Ok(Self { values, kind: Kind { name, definition, layout, features } })
-    }
-
-    /// Checks whether [`ExtraEncoder::new`] would succeed.
-    ///
-    /// # Errors
-    /// As for [`ExtraEncoder::new`].
-    pub fn check(config: &ModelConfig) -> Result<(), ExtraEncoderError> {
-        define(config, 0).map(|_| ())
+        Ok(Self { values, fixed: Fixed { name: config.encoder.clone(), definition, layout, features } })
     }
 
     /// The parameters by name, in their shapes.
     #[must_use]
     pub fn parameters(&self) -> Parameters {
-        let parts = self.kind.layout.iter().zip(&self.values);
+        let parts = self.fixed.layout.iter().zip(&self.values);
         Parameters::new(parts.map(|((name, shape), value)| (name.clone(), shape.clone(), value.val())))
     }
 
     /// Number of features.
     #[must_use]
     pub fn features(&self) -> usize {
-        self.kind.features
+        self.fixed.features
     }
 
     /// Features `[N, features]` of points `[N, 3]` in [-1, 1] at `time` in [0, 1].
@@ -100,18 +93,22 @@ impl ExtraEncoder {
     /// If the definition returns features of another shape than it declares.
     #[must_use]
     pub fn forward(&self, points: Tensor<2>, time: f32) -> Tensor<2> {
-        let expected = [points.dims()[0], self.kind.features];
-        let features = self.kind.definition.forward(&self.parameters(), points, time);
-        assert_eq!(features.dims(), expected, "shape of the features of encoder \"{}\"", self.kind.name);
+        let expected = [points.dims()[0], self.fixed.features];
+        let features = self.fixed.definition.forward(&self.parameters(), points, time);
+        assert_eq!(features.dims(), expected, "shape of the features of encoder \"{}\"", self.fixed.name);
         features
     }
 }
 
-fn define(config: &ModelConfig, seed: u64) -> Result<(Arc<dyn EncoderDefinition>, Vec<Parameter>), ExtraEncoderError> {
-    let encoder = &config.extra_encoder;
-    let definition = find_encoder(encoder)?;
+/// The parameters of a definition, checked.
+fn define(
+    definition: &dyn EncoderDefinition,
+    config: &ModelConfig,
+    seed: u64,
+) -> Result<Vec<Parameter>, DefinitionError> {
+    let encoder = &config.encoder;
     if definition.features(config) == 0 {
-        return Err(ExtraEncoderError::NoFeatures(encoder.clone()));
+        return Err(DefinitionError::NoFeatures(encoder.clone()));
     }
     let mut rng = Rng::new(seed, 2, Purpose::EncoderInit);
     let parameters = definition.parameters(config, &mut rng);
@@ -128,9 +125,43 @@ fn define(config: &ModelConfig, seed: u64) -> Result<(Arc<dyn EncoderDefinition>
         } else {
             continue;
         };
-        return Err(ExtraEncoderError::Parameter { encoder: encoder.clone(), parameter: p.name.clone(), reason });
+        return Err(DefinitionError::Parameter { encoder: encoder.clone(), parameter: p.name.clone(), reason });
     }
-    Ok((definition, parameters))
+    Ok(parameters)
+}
+
+/// How much longer an encoder made of tensor operations takes than the factorised one: a guess.
+const RELATIVE_TIME: f64 = 1.6;
+
+/// Makes [`DefinedEncoder`]s of one definition.
+pub struct Defined(pub &'static dyn EncoderDefinition);
+
+impl EncoderFactory for Defined {
+    fn check(&self, config: &ModelConfig) -> Result<(), String> {
+        define(self.0, config, 0).map(|_| ()).map_err(|e| e.to_string())
+    }
+
+    /// # Panics
+    /// If [`EncoderFactory::check`] rejects the configuration.
+    fn create(&self, config: &ModelConfig, seed: u64, device: &Device) -> Encoder {
+        match DefinedEncoder::new(self.0, config, seed, device) {
+            Ok(encoder) => Encoder::Extra(encoder),
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    fn features(&self, config: &ModelConfig) -> u128 {
+        self.0.features(config) as u128
+    }
+
+    /// Not known before they are made.
+    fn parameters(&self, _: &ModelConfig) -> u128 {
+        0
+    }
+
+    fn relative_time(&self) -> f64 {
+        RELATIVE_TIME
+    }
 }
 
 #[cfg(test)]
@@ -139,7 +170,9 @@ mod tests {
     use crate::config::preset;
     use crate::device::DeviceName;
     use crate::extend;
+    use crate::model::encoder::find_encoder;
     use crate::model::params;
+    use crate::model::size::check_model;
 
     /// `x W t`, with arbitrary parameters.
     struct Linear(Vec<Parameter>, usize);
@@ -157,7 +190,7 @@ mod tests {
     }
 
     fn config(name: &str) -> ModelConfig {
-        ModelConfig { extra_encoder: name.to_owned(), ..preset("best").unwrap().model }
+        ModelConfig { encoder: name.to_owned(), ..preset("best").unwrap().model }
     }
 
     #[test]
@@ -165,7 +198,10 @@ mod tests {
         let weight = Parameter::new("weight", [3, 2], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
         extend::encoder("test-linear", Linear(vec![weight], 2));
         let device = DeviceName::all()[0].open().unwrap().autodiff();
-        let encoder = ExtraEncoder::new(&config("test-linear"), 0, &device).unwrap();
+        let Encoder::Extra(encoder) = find_encoder("test-linear").unwrap().create(&config("test-linear"), 0, &device)
+        else {
+            unreachable!("made from a definition")
+        };
         assert_eq!(encoder.features(), 2);
         assert_eq!(params::collect(&encoder).keys().collect::<Vec<_>>(), ["values.0"]);
         let points = Tensor::<2>::from_data(TensorData::new(vec![1.0f32, 10.0, 100.0], [1, 3]), &device);
@@ -188,10 +224,10 @@ mod tests {
         ];
         for (name, parameters, features, words) in cases {
             extend::encoder(name, Linear(parameters, features));
-            let error = ExtraEncoder::check(&config(name)).unwrap_err().to_string();
+            let error = check_model(&config(name)).unwrap_err();
             assert!(error.contains(name) && error.contains(words), "{error}");
         }
-        let error = ExtraEncoder::check(&config("test-absent")).unwrap_err().to_string();
+        let error = check_model(&config("test-absent")).unwrap_err();
         assert!(error.contains("test-absent") && error.contains("test-short"), "{error}");
     }
 

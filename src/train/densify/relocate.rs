@@ -5,9 +5,10 @@
 //! may be transparent at one time and opaque at another. In its place a Gaussian and its copies are moved [`APART`], once:
 //! coinciding ones get nearly the same gradients, and most would never separate.
 
-use super::densify::Row;
+use super::{Candidates, DensificationRule, Row};
+use crate::config::types::Config;
 use crate::model::HostGaussians;
-use crate::rng::Rng;
+use crate::rng::{Purpose, Rng};
 use std::collections::BTreeMap;
 use volseggs_kernels::activation::{logit_f64, sigmoid_f64};
 
@@ -19,9 +20,30 @@ const MAX_SHARES: usize = 51;
 /// Shared opacities are clamped to this distance from 0 and 1, so that their logits are finite.
 const LIMIT: f64 = 1e-7;
 
+/// As many as in `budget` mode, and one for each that is removed, copied from Gaussians drawn in proportion to their
+/// opacity. A Gaussian and its copies share its opacity, so that the image stays the same.
+pub(super) struct Relocate;
+
+impl DensificationRule for Relocate {
+    fn plan(&self, seen: &Candidates<'_>) -> Vec<Row> {
+        let wanted = seen.target.unwrap_or(0).max(seen.count) - seen.alive.len();
+        let mut rng = Rng::new(seen.config.seed, seen.step as u64, Purpose::Relocation);
+        plan(seen.alive, |i| seen.opacities[i], wanted, &mut rng)
+    }
+
+    fn max_gaussians(&self, config: &Config) -> u128 {
+        // one Gaussian may have many copies
+        config.densify.max_budget().max(config.init.points as u128)
+    }
+
+    fn shares_opacity(&self) -> bool {
+        true
+    }
+}
+
 /// Plans the rows of the new arrays: those of `alive`, and `wanted` copies of them, drawn with replacement in proportion to
 /// `opacity`. Nothing is copied if all are transparent.
-pub(super) fn plan(alive: &[usize], opacity: impl Fn(usize) -> f32, wanted: usize, rng: &mut Rng) -> Vec<Row> {
+fn plan(alive: &[usize], opacity: impl Fn(usize) -> f32, wanted: usize, rng: &mut Rng) -> Vec<Row> {
     let mut total = 0.0;
     let until: Vec<f64> = alive
         .iter()
@@ -110,7 +132,6 @@ fn shared(opacity: f64, count: usize) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Purpose;
 
     fn rng() -> Rng {
         Rng::new(1, 2, Purpose::Relocation)

@@ -1,6 +1,7 @@
 //! `insitunet.*`
 
-use super::{above_zero, at_least_one, not_negative};
+use crate::config::sections::Settings;
+use crate::method::ranges::{above_zero, at_least_one, not_negative};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -50,6 +51,11 @@ pub enum AdversarialLoss {
     Vanilla,
     /// Hinge loss, zero beyond a margin of 1.
     Hinge,
+}
+
+impl Settings for InSituNetConfig {
+    const SECTION: &'static str = "insitunet";
+    const MAY_CHANGE: &'static [&'static str] = &["vgg"];
 }
 
 impl Default for InSituNetConfig {

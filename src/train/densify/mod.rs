@@ -3,9 +3,14 @@
 //! The plan is made on the host from statistics gathered over the steps, and is then applied alike to the attributes
 //! and to the optimiser's moments.
 
+mod relocate;
+mod rule;
+
+pub use rule::{Candidates, DensificationRule, check, find_rule};
+pub(crate) use rule::{RULES, rule_of};
+
 use super::due::Due;
-use super::relocate;
-use crate::config::types::{Config, DensifyMode, PruneBy};
+use crate::config::types::{Config, PruneBy};
 use crate::model::HostGaussians;
 use crate::model::params::HostTensor;
 use crate::rng::{Purpose, Rng};
@@ -90,7 +95,9 @@ impl Statistics {
         Ok(Self { gradient: of("gradient")?, views: of("views")?, opacity: of("opacity")? })
     }
 
-    fn score(&self, i: usize) -> f32 {
+    /// Returns the mean norm of the screen-space gradient of Gaussian `i` over the views that drew it; 0 if none did.
+    #[must_use]
+    pub fn score(&self, i: usize) -> f32 {
         if self.views[i] > 0.0 { self.gradient[i] / self.views[i] } else { 0.0 }
     }
 }
@@ -128,41 +135,24 @@ pub fn plan(
 ) -> Vec<Row> {
     let d = &config.densify;
     let n = opacity_logits.len();
-    let opacity = |i: usize| match d.prune_by {
-        PruneBy::Largest => statistics.opacity[i],
-        PruneBy::Present => sigmoid(opacity_logits[i]),
+    let opacities: Vec<f32> = match d.prune_by {
+        PruneBy::Largest => statistics.opacity.clone(),
+        PruneBy::Present => opacity_logits.iter().map(|&logit| sigmoid(logit)).collect(),
     };
-    // whether any standard deviation exceeds a fraction of the scene's extent
-    let is_above = |fraction: f64| {
-        let limit = (fraction * extent).ln() as f32;
-        move |i: usize| log_scales[3 * i..3 * i + 3].iter().any(|&s| s > limit)
-    };
-    let is_transparent = |i: usize| due.prune && f64::from(opacity(i)) < d.prune_opacity;
-    let is_oversized = is_above(d.prune_size);
+    let is_transparent = |i: usize| due.prune && f64::from(opacities[i]) < d.prune_opacity;
+    let is_oversized = is_above(d.prune_size, extent, log_scales);
     let alive: Vec<usize> = (0..n).filter(|&i| !(is_transparent(i) || due.prune_large && is_oversized(i))).collect();
     // never prune all Gaussians
     let alive = if alive.is_empty() { (0..n).collect() } else { alive };
-    if d.mode == DensifyMode::Relocate {
-        let wanted = due.grow_to.unwrap_or(0).max(n) - alive.len();
-        let mut rng = Rng::new(config.seed, step as u64, Purpose::Relocation);
-        return relocate::plan(&alive, opacity, wanted, &mut rng);
-    }
-    let wanted = due.grow_to.map_or(0, |target| target.saturating_sub(alive.len()));
-    let threshold = if d.mode == DensifyMode::Threshold { d.threshold as f32 } else { 0.0 };
-    let mut chosen: Vec<usize> = alive.iter().copied().filter(|&i| statistics.score(i) > threshold).collect();
-    chosen.sort_by(|&a, &b| statistics.score(b).total_cmp(&statistics.score(a)).then(a.cmp(&b)));
-    chosen.truncate(wanted);
-    chosen.sort_unstable();
+    let (alive, target, opacities) = (&alive[..], due.grow_to, &opacities[..]);
+    let seen = Candidates { alive, count: n, target, statistics, opacities, log_scales, config, extent, step };
+    rule_of(config).plan(&seen)
+}
 
-    let is_large = is_above(d.split_above);
-    let mut rows: Vec<Row> = Vec::with_capacity(alive.len() + chosen.len());
-    let mut next = chosen.iter().copied().peekable();
-    for i in alive {
-        let selected = next.next_if_eq(&i).is_some();
-        rows.push(if selected && is_large(i) { Row::Half(i) } else { Row::Keep(i) });
-    }
-    rows.extend(chosen.into_iter().map(|i| if is_large(i) { Row::Half(i) } else { Row::Clone(i) }));
-    rows
+/// Whether any standard deviation of Gaussian `i` exceeds a fraction of the scene's extent.
+fn is_above(fraction: f64, extent: f64, log_scales: &[f32]) -> impl Fn(usize) -> bool {
+    let limit = (fraction * extent).ln() as f32;
+    move |i: usize| log_scales[3 * i..3 * i + 3].iter().any(|&s| s > limit)
 }
 
 /// Gathers rows of a row-major array with `width` columns.
@@ -304,7 +294,7 @@ mod tests {
     #[test]
     fn relocation_keeps_the_number_and_grows_along_the_same_line() {
         let (mut config, mut s, mut g) = (preset("best").unwrap(), statistics(6), gaussians(6));
-        config.densify.mode = DensifyMode::Relocate;
+        config.densify.mode = "relocate".into();
         (s.opacity[5], g.opacity_logits[2]) = (0.001, 3.0);
         let planned = |due: Due| planned(due, &s, &g, &config);
         assert_eq!(planned(Due::default()), (0..6).map(Row::Keep).collect::<Vec<_>>());

@@ -1,6 +1,7 @@
 //! `visnerf.*`
 
-use super::{above_zero, at_least_one, not_negative};
+use crate::config::sections::Settings;
+use crate::method::ranges::{above_zero, at_least_one, not_negative};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -64,6 +65,10 @@ pub struct VisNerfConfig {
     pub occupancy_every: usize,
     /// A cell with a smaller opacity over one `render_step` counts as empty.
     pub occupancy_threshold: f64,
+}
+
+impl Settings for VisNerfConfig {
+    const SECTION: &'static str = "visnerf";
 }
 
 impl Default for VisNerfConfig {

@@ -1,6 +1,7 @@
 //! `coordnet.*`
 
-use super::{above_zero, at_least_one, not_negative};
+use crate::config::sections::Settings;
+use crate::method::ranges::{above_zero, at_least_one, not_negative};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -25,6 +26,10 @@ pub struct CoordNetConfig {
     pub rate: f64,
     /// Weight in the loss of half the sum of all squared weights and biases.
     pub weight_decay: f64,
+}
+
+impl Settings for CoordNetConfig {
+    const SECTION: &'static str = "coordnet";
 }
 
 impl Default for CoordNetConfig {
