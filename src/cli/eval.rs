@@ -65,6 +65,9 @@ impl EvalArgs {
             .iter()
             .map(|path| Lpips::load(path, &device).map_err(CliError::input))
             .collect::<Result<Vec<_>, _>>()?;
+        if let (false, Some(flag)) = (self.segments.segments, self.segments.settings.given()) {
+            return Err(CliError::input(format!("{flag}: only for --segments")));
+        }
         if self.segments.segments {
             let mut given = self.lpips_weights.iter().zip(&networks);
             if let Some((path, _)) = given.find(|(_, network)| network.net() != LpipsNet::Alex) {
@@ -74,7 +77,8 @@ impl EvalArgs {
                 )));
             }
             let out = self.out.as_deref();
-            return self.segments.run(&run.gaussians()?, self.data.as_deref(), out, &networks, self.common.json);
+            let run = self.segments.settings.of(run.gaussians()?)?;
+            return self.segments.run(&run, self.data.as_deref(), out, &networks, self.common.json);
         }
         let split = run.measured(self.split, self.data.as_deref(), self.views)?;
         if !run.config.data.only_times.is_empty() {

@@ -1,9 +1,12 @@
 //! `volseggs eval --segments`
 
 use super::eval::results;
+use super::settings::{SegmentSettings, put};
 use super::time::TimeArg;
 use super::values::{cosine_f32, count, fraction_f32};
 use super::{CliError, print_json, stop_flag};
+use crate::config::types::SegmentConfig;
+use crate::config::types::segment::MaskScale;
 use crate::data::paths::Axis;
 use crate::data::{Camera, SplitName, Truth};
 use crate::eval::segments::{
@@ -17,8 +20,6 @@ use crate::metrics::lpips::Lpips;
 use crate::run::OpenRun;
 use crate::run::measure::MeasuredOn;
 use crate::segment::baselines::saga::SagaOptions;
-use crate::segment::coarse::CoarseOptions;
-use crate::segment::fine::train::{FineOptions, MARGIN, MaskScale, repulsion};
 use crate::segment::masks::origin::{MaskKind, SAM_POINTS};
 use crate::segment::masks::sam::checkpoint;
 use clap::{Args, ValueEnum};
@@ -75,31 +76,33 @@ pub(super) struct SegmentFlags {
     /// Restrict these views to within 45 degrees of an axis (x, y or z), instead of the whole sphere.
     #[arg(long, value_name = "AXIS", requires = "segments")]
     mask_bias: Option<Axis>,
-    /// Number of colours; estimated from the data if not given.
+    /// Number of colours (`segment.colour.clusters`); estimated from the data by default.
     #[arg(long, value_name = "K", value_parser = count, requires = "segments")]
     clusters: Option<usize>,
-    /// Training steps of the affinity field.
-    #[arg(long, default_value_t = FineOptions::default().steps, value_parser = count, requires = "segments")]
-    fine_steps: usize,
-    /// Pixels per step of the affinity field; the paper uses 8192.
-    #[arg(long, default_value_t = FineOptions::default().pixels, value_parser = count, requires = "segments")]
-    fine_pixels: usize,
+    /// Training steps of the affinity field (`segment.affinity.steps`) [default: 5000].
+    #[arg(long, value_name = "N", value_parser = count, requires = "segments")]
+    fine_steps: Option<usize>,
+    /// Pixels per step of the affinity field; the paper uses 8192 (`segment.affinity.pixels`) [default: 2048].
+    #[arg(long, value_name = "N", value_parser = count, requires = "segments")]
+    fine_pixels: Option<usize>,
     /// Training steps of SAGA.
     #[arg(long, default_value_t = SagaOptions::default().steps, value_parser = count, requires = "segments")]
     saga_steps: usize,
-    /// Margin of the contrastive loss; -1 is the paper's loss, which has none.
-    #[arg(long, default_value_t = MARGIN, value_parser = cosine_f32, allow_negative_numbers = true, requires = "segments")]
-    margin: f32,
+    /// Margin of the contrastive loss; -1 is the paper's loss, which has none (`segment.affinity.margin`) [default: 0.5].
+    #[arg(long, value_parser = cosine_f32, allow_negative_numbers = true, requires = "segments")]
+    margin: Option<f32>,
     /// Scale at which a training step queries the field: one drawn for all Gaussians, or that of each Gaussian's own
-    /// mask, as in the paper [drawn, own].
-    #[arg(long, value_name = "WHICH", default_value = "drawn", requires = "segments")]
-    mask_scale: MaskScale,
+    /// mask, as in the paper (`segment.affinity.mask_scale`) [default: drawn].
+    #[arg(long, value_name = "WHICH", value_enum, requires = "segments")]
+    mask_scale: Option<MaskScale>,
     /// Minimum alpha of a silhouette's pixels; that of the dataset's masks if not given.
     #[arg(long, value_name = "ALPHA", value_parser = fraction_f32, requires = "segments")]
     mask_alpha: Option<f32>,
     /// Seed of the clusters and fields.
     #[arg(long, default_value_t = 0, requires = "segments")]
     seed: u64,
+    #[command(flatten)]
+    pub settings: SegmentSettings,
 }
 
 /// Bytes per point of the grid of prompts.
@@ -152,7 +155,8 @@ impl SegmentFlags {
                 names.join(", ")
             )));
         }
-        let options = self.options(masks, self.time.of("--time", run.calibration())?);
+        let config = self.config(&run.config.segment);
+        let options = self.options(masks, self.time.of("--time", run.calibration())?, config);
         if let Some(folder) = &self.mask_pictures {
             return write_pictures(run, &truth, &options, folder, json);
         }
@@ -180,7 +184,18 @@ impl SegmentFlags {
         Ok(())
     }
 
-    fn options(&self, masks: MaskKind, time: f64) -> SegmentOptions {
+    /// The run's options of segmentation, with those given here.
+    fn config(&self, of: &SegmentConfig) -> SegmentConfig {
+        let mut config = of.clone();
+        put(&mut config.colour.clusters, self.clusters);
+        put(&mut config.affinity.steps, self.fine_steps);
+        put(&mut config.affinity.pixels, self.fine_pixels);
+        put(&mut config.affinity.margin, self.margin);
+        put(&mut config.affinity.mask_scale, self.mask_scale);
+        config
+    }
+
+    fn options(&self, masks: MaskKind, time: f64, config: SegmentConfig) -> SegmentOptions {
         let seed = self.seed;
         SegmentOptions {
             time,
@@ -192,15 +207,8 @@ impl SegmentFlags {
             masks,
             views: self.mask_views,
             bias: self.mask_bias.map(|axis| (axis, FRAC_PI_4)),
-            coarse: CoarseOptions { clusters: self.clusters, seed, ..CoarseOptions::default() },
-            fine: FineOptions {
-                steps: self.fine_steps,
-                pixels: self.fine_pixels,
-                repulsion: repulsion(self.margin),
-                mask_scale: self.mask_scale,
-                seed,
-                ..FineOptions::default()
-            },
+            config,
+            seed,
             saga: SagaOptions { steps: self.saga_steps, seed, ..SagaOptions::default() },
             mask_alpha: self.mask_alpha,
         }

@@ -24,6 +24,7 @@ mod render;
 mod segment;
 #[cfg(feature = "view")]
 mod serving;
+mod settings;
 mod shown;
 mod sweep;
 mod time;

@@ -7,6 +7,7 @@ mod densify;
 pub mod methods;
 mod model;
 mod output;
+pub mod segment;
 
 pub use densify::{DensifyConfig, DensifyMode, PruneBy};
 use methods::{CoordNetConfig, D3dgsConfig, FourDgsConfig, InSituNetConfig, VisNerfConfig};
@@ -14,6 +15,7 @@ pub use model::{
     Appearance, BiasInit, Bounds, DecoderKind, EncoderKind, GridInit, ModelConfig, ShBands, TimeCurve, TimeRange,
 };
 pub use output::OutputConfig;
+pub use segment::SegmentConfig;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -53,6 +55,9 @@ pub struct Config {
     pub speed: SpeedConfig,
     /// Logs and checkpoints.
     pub output: OutputConfig,
+    /// How a scene becomes segments; no step of training reads it.
+    #[serde(default)] // sweeps train without it
+    pub segment: SegmentConfig,
     /// Settings of the method `coordnet`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coordnet: Option<CoordNetConfig>,

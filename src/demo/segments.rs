@@ -13,10 +13,7 @@ use crate::name::Name;
 use crate::run::segments::{RunSegments, by_colour};
 use crate::run::{OpenRun, RunError, affinity};
 use crate::segment::baselines::saga::SagaOptions;
-use crate::segment::coarse::CoarseOptions;
-use crate::segment::fine::train::FineOptions;
 use crate::segment::masks::origin::MaskKind;
-use crate::segment::pick::Meaning;
 use crate::segment::pictures::draw;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
 use crate::track::follow::{FollowOptions, Followed, Followup, follow};
@@ -90,6 +87,8 @@ fn save(run: &OpenRun, found: &Segmentation, lifted: Option<Lifted>, time: f64) 
 pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Result<SegmentStory, String> {
     let scene = &run.scene;
     let truth = Truth::read(data).map_err(|e| e.to_string())?;
+    let mut config = run.config.segment.clone();
+    (config.affinity.steps, config.affinity.pixels) = (STEPS, PIXELS);
     let plan = SegmentOptions {
         time: 0.5,
         methods: vec![Method::Coarse, Method::CoarseFine],
@@ -100,8 +99,8 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
         masks: MaskKind::Regions,
         views: MASK_VIEWS,
         bias: None,
-        coarse: CoarseOptions::default(),
-        fine: FineOptions { steps: STEPS, pixels: PIXELS, ..FineOptions::default() },
+        config,
+        seed: 0,
         saga: SagaOptions::default(),
         mask_alpha: None,
     };
@@ -115,11 +114,12 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
     let mut found = by_colour(run, trained.coarse(), evaluation.time).map_err(|e| e.to_string())?;
     let mut clicked = Vec::new();
     let chosen = evaluation.results.iter().filter(|r| r.method == Method::CoarseFine && !r.fixed.members.is_empty());
+    let levels = &run.config.segment.levels;
     for result in chosen {
         let colour = found.free_colour();
         let name = Name::new(result.segment.clone()).map_err(|e| e.to_string())?;
         let members = result.fixed.members.clone();
-        let (scale, threshold) = result.fixed.asked.unwrap_or(Meaning::BY_HAND);
+        let (scale, threshold) = result.fixed.asked.unwrap_or((levels.scale, levels.cosine));
         let origin = Origin::Pick { scale, threshold };
         let parent = found.whole_of(&members).map(|whole| whole.name.clone());
         let segment = Segment { name, parent, colour, time: evaluation.time, origin, members };

@@ -186,6 +186,7 @@ pub fn of(config: &Config) -> Result<Found, TrainError> {
 pub fn check(config: &Config) -> Result<(), TrainError> {
     let method = of(config)?;
     check_config(config)?;
+    config.segment.check().map_err(|e| TrainError::Config(e.to_string()))?;
     check_sections(config, &method).map_err(TrainError::Config)?;
     method.check(config).map_err(TrainError::Config)
 }

@@ -9,6 +9,7 @@ pub mod hdbscan;
 pub mod kmeans;
 pub mod modes;
 pub mod moving;
+pub mod nearest_rows;
 pub mod neighbours;
 pub mod outliers;
 pub mod principal;

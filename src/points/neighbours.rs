@@ -3,6 +3,7 @@
 
 use super::chunks::{finite, map_chunks, point};
 use super::error::{PointsError, check_positive, rows};
+use super::nearest_rows::NearestRows;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -298,17 +299,16 @@ impl Grid {
         })
     }
 
-    /// Returns, for each of the `M` points, the indices of the `K` nearest other points, from near to far `[M][K]`. The
+    /// Returns, for each of the `M` points, the indices of the `k` nearest other points, from near to far `[M, k]`. The
     /// point's own index fills missing places and the rows of skipped points.
-    pub fn nearest_of_each<const K: usize>(&self) -> Vec<[u32; K]> {
-        let mut out = self.per_point([u32::MAX; K], |slot| {
-            let mut row = [self.ids[slot]; K];
-            let found = self.nearest(self.places[slot], K, Some(self.ids[slot]));
-            row.iter_mut().zip(found).for_each(|(out, (other, _))| *out = other);
-            row
+    pub fn nearest_of_each(&self, k: usize) -> NearestRows {
+        let sorted = map_chunks(self.len(), |range| {
+            let of = |slot| self.nearest(self.places[slot], k, Some(self.ids[slot]));
+            range.map(|slot| (self.ids[slot], of(slot))).collect::<Vec<_>>()
         });
-        for (row, i) in out.iter_mut().zip(0u32..).filter(|(row, _)| row.first() == Some(&u32::MAX)) {
-            *row = [i; K];
+        let mut out = NearestRows::own(self.count, k);
+        for (id, found) in sorted.into_iter().flatten() {
+            out.row_mut(id as usize).iter_mut().zip(found).for_each(|(out, (other, _))| *out = other);
         }
         out
     }

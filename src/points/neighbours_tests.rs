@@ -41,7 +41,7 @@ proptest! {
             prop_assert_eq!(&seen, &want);
             let near = grid.nearest(query, k, None);
             prop_assert_eq!(&near[..], &all[..k.min(all.len())]);
-            for (i, row) in (0u32..).zip(grid.nearest_of_each::<4>()) {
+            for (i, row) in (0u32..).zip(grid.nearest_of_each(4).rows()) {
                 let place = point(&points, i as usize);
                 let mut want: Vec<u32> = brute(&points, place, Some(i)).into_iter().take(4).map(|n| n.0).collect();
                 want.resize(4, i);

@@ -1,12 +1,13 @@
 //! The affinity field of a run: read for clicks and splits, trained on the run's masks.
 
 use super::{OpenRun, RunError};
+use crate::config::types::segment::AffinityConfig;
 use crate::memory::{Budget, product};
 use crate::points::principal::principal;
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::{self, AffinitySpec};
 use crate::segment::fine::network::{FEATURES, Frame};
-use crate::segment::fine::train::{FineError, FineOptions, train};
+use crate::segment::fine::train::{FineError, train};
 use crate::segment::fine::views::read_views;
 use crate::segment::masks::MaskReader;
 use crate::segment::segmentation::members_key;
@@ -123,7 +124,8 @@ pub(super) fn colours(run: &OpenRun) -> Result<Vec<[f32; 3]>, RunError> {
 /// If there are no masks, they do not match the run's segments, or the field cannot be written.
 pub fn fit(
     run: &OpenRun,
-    options: &FineOptions,
+    options: &AffinityConfig,
+    seed: u64,
     device: &Device,
     mut goes_on: impl FnMut(Stage) -> bool,
 ) -> Result<Option<Trained>, RunError> {
@@ -164,7 +166,7 @@ pub fn fit(
     };
     let members = header.segments.iter().enumerate().map(of).collect::<Result<Vec<_>, RunError>>()?;
     let (rendering, mut done) = (run.scene.spec.rendering(), 0);
-    let (views, spreads) = read_views(&masks, (&at, rendering), &frame, &members, options.seed, device, |_| {
+    let (views, spreads) = read_views(&masks, (&at, rendering), &frame, &members, seed, device, |_| {
         done += 1;
         goes_on(Stage::Read { done, all: header.views.len() });
     })
@@ -176,7 +178,7 @@ pub fn fit(
 
     let (mut smooth, mut stopped) = (None, false);
     let started = Instant::now();
-    let field = train(&views, options, device, |step, loss| {
+    let field = train(&views, options, seed, device, |step, loss| {
         let mean = smooth.map_or(loss, |s: f64| 0.98 * s + 0.02 * loss);
         smooth = Some(mean);
         stopped = !goes_on(Stage::Step { done: step + 1, loss: mean });

@@ -10,7 +10,6 @@ use crate::export::images::to_rgb8;
 use crate::files::AtomicDir;
 use crate::memory::{Budget, product};
 use crate::model::HostGaussians;
-use crate::segment::masks::RegionOptions;
 use crate::segment::masks::handout::{self, FILE, Handout, HandoutError};
 use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
 use crate::segment::masks::origin::{MaskKind, MaskOrigin};
@@ -137,7 +136,7 @@ impl MaskPlan {
                 let shots = views.iter().map(shot).collect();
                 (MaskOrigin::Labels(truth, views), shots)
             }
-            (MaskKind::Regions, _) => around(MaskOrigin::Regions(RegionOptions::default()))?,
+            (MaskKind::Regions, _) => around(MaskOrigin::Regions)?,
             (MaskKind::Sam { weights, points }, _) => {
                 around(MaskOrigin::Sam { weights: weights.clone(), points: *points })?
             }
@@ -151,13 +150,14 @@ impl MaskPlan {
         self.shots.len() * self.groups.len()
     }
 
-    fn job<'a>(&'a self, run: &OpenRun, at: &'a HostGaussians, device: &'a Device) -> MaskJob<'a> {
+    fn job<'a>(&'a self, run: &'a OpenRun, at: &'a HostGaussians, device: &'a Device) -> MaskJob<'a> {
         MaskJob {
             at,
             groups: &self.groups,
             shots: &self.shots,
             time: self.time,
             rendering: run.scene.spec.rendering(),
+            config: &run.config.segment.masks,
             device,
         }
     }

@@ -38,6 +38,7 @@ pub mod rendering;
 pub mod saved;
 pub mod segments;
 pub mod selection;
+mod settings;
 pub mod split;
 pub mod status;
 pub mod view;

@@ -292,7 +292,9 @@ pub(super) fn config_in(file: &Path) -> Result<Config, RunError> {
     }
     // resolved through the layers, so that a run from before a key existed still opens
     let source = file.to_string_lossy().into_owned();
-    Ok(Layers::new(PRESETS).source(source).resolve::<Config>().map_err(RunError::input)?.value)
+    let config = Layers::new(PRESETS).source(source).resolve::<Config>().map_err(RunError::input)?.value;
+    config.segment.check().map_err(|e| RunError::input(format!("{}: {e}", file.display())))?;
+    Ok(config)
 }
 
 /// Reads the edits in a file; none if there is no file yet.

@@ -5,6 +5,8 @@
 
 use super::segments::RunSegments;
 use super::{OpenRun, RunError};
+use crate::config::types::SegmentConfig;
+use crate::config::types::segment::ClickConfig;
 use crate::data::Camera;
 use crate::model::params::to_vec;
 use crate::model::{HostGaussians, Rendering};
@@ -71,6 +73,7 @@ pub struct Clicking {
     time: f64,
     segments: Segmentation,
     field: Option<(AffinityField, AffinitySpec)>,
+    config: SegmentConfig,
     /// Positions `[N, 3]` at the time that the field was trained at.
     places: Vec<f32>,
     /// What was found out about the segments searched so far.
@@ -112,9 +115,9 @@ impl Clicking {
             _ => at.means.clone(),
         };
         let (rendering, device) = (run.scene.spec.rendering(), device.clone());
-        let (segments, field) = (segments.clone(), field.cloned());
+        let (segments, field, config) = (segments.clone(), field.cloned(), run.config.segment.clone());
         let (known, around) = (RefCell::default(), Arc::default());
-        Self { at, rendering, time, segments, field, places, known, around, device }
+        Self { at, rendering, time, segments, field, config, places, known, around, device }
     }
 
     /// Returns this with the findings of `before` that hold at any time. `before` must have the same segments and
@@ -136,7 +139,7 @@ impl Clicking {
             let all: Vec<u32> = (0..self.at.len() as u32).collect();
             let _ = self.with_candidates(field, None, &all, prepare);
         } else {
-            let _ = self.around.know_objects(|| self.objects(field));
+            let _ = self.know_objects(field);
         }
     }
 
@@ -151,7 +154,7 @@ impl Clicking {
     ) -> T {
         let name = name.cloned();
         let known = self.known.borrow_mut().remove(&name).unwrap_or_default();
-        let of = Candidates::new(field, &spec.frame, &self.places, &self.at, members)
+        let of = Candidates::new(field, &spec.frame, &self.places, &self.at, members, &self.config)
             .of_segment(name.is_some())
             .with_found(known)
             .with_surroundings(self.around.clone());
@@ -182,13 +185,13 @@ impl Clicking {
         let shown = within.map(|s| self.at.subset(&s.members));
         let (width, height) = (camera.width, camera.height);
         let settings = self.rendering.seen_by(camera.to_kernel());
-        let beneath = under(shown.as_ref().unwrap_or(&self.at), settings, pixel, &self.device)
+        let beneath = under(shown.as_ref().unwrap_or(&self.at), settings, pixel, &self.config.click, &self.device)
             .map_err(|_| ClickError::Outside { width, height })?;
         let holds = |s: &Segment, i: u32| s.holds(&[i]);
         // wholes come before their parts
         let whole_of = |i: u32| (0..).zip(&self.segments.segments).find(|(_, s)| holds(s, i)).map(|(n, _)| n);
         let hit = match within {
-            None if self.field.is_some() => meant(&beneath, whole_of),
+            None if self.field.is_some() => meant(&beneath, self.config.click.majority, whole_of),
             _ => heaviest(&beneath, |_| true),
         };
         let hit = hit.ok_or(ClickError::Nothing { time: self.time })?;
@@ -199,6 +202,11 @@ impl Clicking {
         let within = within.map(|s| s.name.clone()).or_else(|| segments.first().cloned());
         let mean = [0, 1, 2].map(|k| self.at.means[3 * gaussian as usize + k]);
         Ok(Hit { gaussian, weight, mean, segments, within })
+    }
+
+    /// Finds the objects of parts of several segments, if these are joined.
+    fn know_objects(&self, field: &(AffinityField, AffinitySpec)) -> Result<(), PickError> {
+        if self.config.nested.join { self.around.know_objects(|| self.objects(field)) } else { Ok(()) }
     }
 
     /// Returns the object of each Gaussian, `[N]`, among the parts of all wholes, see [`objects`].
@@ -216,7 +224,7 @@ impl Clicking {
             }
             last += parts.iter().max().copied().unwrap_or(0);
         }
-        Ok(objects(&self.at, &part, &segment)?)
+        Ok(objects(&self.at, &part, &segment, &self.config)?)
     }
 
     /// Returns what a click on `hit` selects in the segment to search, or in the whole scene.
@@ -230,7 +238,7 @@ impl Clicking {
             None => (0..self.at.len() as u32).collect(),
         };
         if hit.within.is_some() && (options.list || matches!(options.meaning, Meaning::Level(_) | Meaning::Kind(_))) {
-            self.around.know_objects(|| self.objects(field)).map_err(RunError::failure)?;
+            self.know_objects(field).map_err(RunError::failure)?;
         }
         let pick = |of: &Candidates<'_>| pick(of, hit.gaussian, options);
         let picked = self.with_candidates(field, hit.within.as_ref(), &candidates, pick);
@@ -254,13 +262,17 @@ pub fn place(
     (at, rendering): (&HostGaussians, Rendering),
     camera: &Camera,
     pixel: [u32; 2],
+    click: &ClickConfig,
     time: f64,
     device: &Device,
 ) -> Result<[f64; 3], ClickError> {
     let (width, height) = (camera.width, camera.height);
     // not every backend can hold an empty tensor
-    let beneath =
-        if at.is_empty() { Ok(Vec::new()) } else { under(at, rendering.seen_by(camera.to_kernel()), pixel, device) };
+    let beneath = if at.is_empty() {
+        Ok(Vec::new())
+    } else {
+        under(at, rendering.seen_by(camera.to_kernel()), pixel, click, device)
+    };
     let beneath = beneath.map_err(|_| ClickError::Outside { width, height })?;
     let nothing = ClickError::Nothing { time };
     let Some(hit) = heaviest(&beneath, |_| true) else { return Err(nothing) };
@@ -304,7 +316,7 @@ pub fn commit(
     let whole = whole.filter(|whole| whole.holds(members));
     let parent = whole.map(|whole| whole.name.clone());
     let within = whole.map_or_else(|| (0..run.scene.gaussians.count() as u32).collect(), |whole| whole.members.clone());
-    let members = propagate(&run.scene, members, &within, time).map_err(RunError::failure)?;
+    let members = propagate(&run.scene, members, &within, time, &run.config.segment).map_err(RunError::failure)?;
     let from_other_times = members.iter().filter(|i| picked.members.binary_search(i).is_err()).count();
     let made = Made { gaussians: members.len(), from_other_times };
     let colour = all.free_colour();

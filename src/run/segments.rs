@@ -2,6 +2,7 @@
 
 use super::open::edits_in;
 use super::{OpenRun, RunError};
+use crate::config::types::SegmentConfig;
 use crate::data::Surroundings;
 use crate::draw::views::view_sheet;
 use crate::edit::EditStack;
@@ -11,7 +12,7 @@ use crate::memory::Budget;
 use crate::model::HostGaussians;
 use crate::name::Name;
 use crate::points::kmeans;
-use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
+use crate::segment::coarse::{Coarse, coarse, other_times};
 use crate::segment::history::History;
 use crate::segment::pictures::draw_each;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
@@ -272,14 +273,12 @@ impl RunSegments {
         run: &OpenRun,
         at: &HostGaussians,
         time: f64,
-        options: &CoarseOptions,
+        config: &SegmentConfig,
+        seed: u64,
     ) -> Result<Coarse, RunError> {
-        let n = at.len();
-        if let Some(clusters) = options.clusters {
-            check_clusters(clusters, n, "the scene has", 3)?;
-        }
-        let other_times = options.other_times(&run.scene, at);
-        let found = coarse(at, Some(&other_times), options).map_err(RunError::input)?;
+        check_clusters(config.colour.clusters, at.len(), "the scene has", 3)?;
+        let other_times = other_times(&run.scene, at, config);
+        let found = coarse(at, Some(&other_times), config, seed).map_err(RunError::input)?;
         let all = by_colour(run, &found, time)?;
         if !all.segments.is_empty() {
             self.change("coarse", all.segments);

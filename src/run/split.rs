@@ -27,8 +27,6 @@ pub struct SplitOptions {
     pub scale: f32,
     /// Number of parts; if `None`, it follows from the density of the features.
     pub clusters: Option<usize>,
-    /// Whether to keep small pieces that do not touch the rest of their part.
-    pub keep_strays: bool,
     /// Seed of the clustering.
     pub seed: u64,
     /// Whether segments picked in the parts of an earlier split may be removed.
@@ -88,8 +86,9 @@ pub fn split(
         }
         let of = whole.members.iter().zip(&labels).filter(|(_, l)| **l == label);
         let mut members: Vec<u32> = of.map(|(m, _)| *m).collect();
-        if !options.keep_strays {
-            members = without_strays(&at, &members, None).map_err(RunError::failure)?;
+        let pieces = &run.config.segment.pieces;
+        if pieces.strays {
+            members = without_strays(&at, &members, None, pieces).map_err(RunError::failure)?;
         }
         if members.is_empty() {
             continue;

@@ -8,28 +8,15 @@
 
 use super::contacts::Contacts;
 use super::pieces::{Touch, pieces};
-use super::samples::{Large, SAMPLES, Sample, large};
+use super::samples::{Large, Sample, large};
 use super::surface_layers;
+use crate::config::types::SegmentConfig;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::chunks::point;
 use crate::points::neighbours::Grid;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
-
-/// Minimum fraction of a piece, by opacity, in contact with another piece for it to join that one's body. Surface
-/// layers of trained scenes have 0.87 to 0.94; a body in a shell, or a core in a body, at most 0.37: see the results of
-/// 2026-11-25 in `benches/results`.
-const CONTACT: f64 = 0.7;
-/// Fraction of its material, by opacity, up to which a piece may be a surface layer even if less than [`CONTACT`] of
-/// the piece that it covers touches it in turn.
-const MINOR: f64 = 0.5;
-/// Fraction of a material, by opacity, that must be surface layers for all of it to be treated as such: its remaining
-/// Gaussians then join the nearest layer.
-const ALL: f64 = 0.9;
-/// Ratio of the opacity of a body's second material to that of its first from which the order of the two counts as
-/// chance.
-const MIXED: f64 = 0.5;
 
 /// Joins surface layers to what they cover: `labels` `[M]` from 1, the materials of the Gaussians `shown` (`[M]`,
 /// indices into `at`, all finite), are replaced by those of the bodies, each the material of its piece of highest
@@ -42,22 +29,27 @@ const MIXED: f64 = 0.5;
 ///
 /// # Panics
 /// If an index is not below N.
-pub fn join_surface_layers(at: &HostGaussians, shown: &[u32], labels: &mut [u32]) -> Result<(), PointsError> {
+pub fn join_surface_layers(
+    at: &HostGaussians,
+    shown: &[u32],
+    labels: &mut [u32],
+    config: &SegmentConfig,
+) -> Result<(), PointsError> {
     let own = labels.to_vec();
     let materials: BTreeSet<u32> = own.iter().copied().filter(|label| *label > 0).collect();
     let mut all_large = Vec::new();
     for material in materials {
-        all_large.extend(large(at, shown, &own, material)?);
+        all_large.extend(large(at, shown, &own, material, config)?);
     }
     let mut fixed = vec![false; shown.len()];
     all_large.iter().flat_map(|large| &large.rows).for_each(|&n| fixed[n] = true);
-    join(at, shown, labels, &fixed)?;
+    join(at, shown, labels, &fixed, config)?;
     // each sees what those before it have joined, so that two materials of one body do not change places
     for large in &all_large {
         let before = labels.to_vec();
         let guests: Vec<usize> =
             (0..shown.len()).filter(|&n| labels[n] == large.material && own[n] != large.material).collect();
-        vote(at, shown, (&before, labels), large)?;
+        vote(at, shown, (&before, labels), large, config)?;
         if !guests.is_empty() {
             relabel(at, shown, labels, &large.rows, &guests)?;
         }
@@ -72,14 +64,15 @@ fn vote(
     shown: &[u32],
     (before, labels): (&[u32], &mut [u32]),
     large: &Large,
+    config: &SegmentConfig,
 ) -> Result<(), PointsError> {
-    let material = large.material;
-    let mut votes = vec![[material; SAMPLES]; large.rows.len()];
-    for number in 0..SAMPLES {
-        let sample = Sample::of(at, shown, large.thinning, number);
+    let (material, samples) = (large.material, config.layers.votes);
+    let mut votes = vec![vec![material; samples]; large.rows.len()];
+    for number in 0..samples {
+        let sample = Sample::of(at, shown, large.thinning, (number, samples));
         let all: Vec<u32> = (0..sample.rows.len() as u32).collect();
         let mut joined: Vec<u32> = sample.rows.iter().map(|&n| before[n]).collect();
-        join(&sample.at, &all, &mut joined, &vec![false; all.len()])?;
+        join(&sample.at, &all, &mut joined, &vec![false; all.len()], config)?;
         let of_sample = sample.rows.iter().zip(&joined).filter(|(n, _)| large.rows.binary_search(n).is_ok());
         let known: Vec<(u32, u32)> = of_sample.map(|(&n, &label)| (shown[n], label)).collect();
         let nearest = label_of_nearest(at, &known)?;
@@ -89,7 +82,7 @@ fn vote(
     }
     for (votes, &n) in votes.into_iter().zip(&large.rows) {
         let count = |label: &u32| votes.iter().filter(|v| *v == label).count();
-        labels[n] = votes.iter().copied().find(|v| 2 * count(v) > SAMPLES).unwrap_or(material);
+        labels[n] = votes.iter().copied().find(|v| 2 * count(v) > samples).unwrap_or(material);
     }
     Ok(())
 }
@@ -111,13 +104,26 @@ fn relabel(
 }
 
 /// Joins surface layers at the density of the scene; the `fixed` `[M]` keep their labels.
-fn join(at: &HostGaussians, shown: &[u32], labels: &mut [u32], fixed: &[bool]) -> Result<(), PointsError> {
+fn join(
+    at: &HostGaussians,
+    shown: &[u32],
+    labels: &mut [u32],
+    fixed: &[bool],
+    config: &SegmentConfig,
+) -> Result<(), PointsError> {
     let opacity: Vec<f64> = shown.iter().map(|&i| f64::from(at.opacity_of(i as usize))).collect();
-    let contacts = Contacts::among(at, shown)?;
-    join_pieces(at, shown, (&contacts, &opacity), labels, fixed)?;
-    surface_layers::join(&contacts, &opacity, labels, fixed)?;
-    // what lay outside of such a layer is left as pieces
-    join_pieces(at, shown, (&contacts, &opacity), labels, fixed)
+    let contacts = Contacts::among(at, shown, &config.contacts)?;
+    let pieces = |labels: &mut [u32]| match config.layers.pieces {
+        true => join_pieces(at, shown, (&contacts, &opacity), labels, fixed, config),
+        false => Ok(()),
+    };
+    pieces(labels)?;
+    if config.layers.connected {
+        surface_layers::join(&contacts, &opacity, labels, fixed, config)?;
+        // what lay outside of such a layer is left as pieces
+        pieces(labels)?;
+    }
+    Ok(())
 }
 
 /// Joins connected pieces that are surface layers as a whole.
@@ -127,19 +133,21 @@ fn join_pieces(
     (contacts, opacity): (&Contacts, &[f64]),
     labels: &mut [u32],
     fixed: &[bool],
+    config: &SegmentConfig,
 ) -> Result<(), PointsError> {
-    let pieces = Pieces::of(at, shown, labels, (opacity, fixed))?;
+    let pieces = Pieces::of(at, shown, labels, (opacity, fixed), Touch::seen(&config.pieces))?;
+    let config = &config.layers;
     let contacts = pieces.contacts(contacts, opacity);
     let touching = |from: usize, to: usize| contacts.get(&(from, to)).map_or(0.0, |w| w / pieces.weights[from]);
     // the body that each piece covers: the one of highest opacity among those that qualify
     let mut covers: Vec<Option<usize>> = vec![None; pieces.weights.len()];
     for &(skin, body) in contacts.keys() {
         let less = (pieces.weights[skin], skin) < (pieces.weights[body], body);
-        let alone = pieces.weights[skin] <= MINOR * pieces.of_material[&pieces.materials[skin]];
+        let alone = pieces.weights[skin] <= config.minor * pieces.of_material[&pieces.materials[skin]];
         let is_skin = less
             && !pieces.fixed[skin]
-            && touching(skin, body) >= CONTACT
-            && (alone || touching(body, skin) >= CONTACT);
+            && touching(skin, body) >= config.contact
+            && (alone || touching(body, skin) >= config.contact);
         let better = |other: usize| (pieces.weights[other], other) < (pieces.weights[body], body);
         if is_skin && covers[skin].is_none_or(better) {
             covers[skin] = Some(body);
@@ -153,7 +161,7 @@ fn join_pieces(
         piece
     };
     let bodies: Vec<usize> = (0..covers.len()).map(body_of).collect();
-    let materials = pieces.materials_by_body(&bodies);
+    let materials = pieces.materials_by_body(&bodies, config.mixed);
     let before = labels.to_vec();
     for (label, piece) in labels.iter_mut().zip(&pieces.labels) {
         if let Some(piece) = *piece {
@@ -166,7 +174,7 @@ fn join_pieces(
         if moved == 0.0 {
             continue;
         }
-        let all = moved >= ALL * whole;
+        let all = moved >= config.all * whole;
         // those in no piece, as they are faint, go along with what is around them
         let follows = |n: &usize| labels[*n] == material && !fixed[*n] && (all || pieces.labels[*n].is_none());
         let (left, known): (Vec<usize>, Vec<usize>) = of_it.into_iter().partition(follows);
@@ -211,6 +219,7 @@ impl Pieces {
         shown: &[u32],
         materials: &[u32],
         (opacity, fixed): (&[f64], &[bool]),
+        touch: Touch,
     ) -> Result<Self, PointsError> {
         let mut out = Self {
             labels: vec![None; shown.len()],
@@ -222,7 +231,7 @@ impl Pieces {
         for material in 1..=materials.iter().copied().max().unwrap_or(0) {
             let rows: Vec<usize> = (0..shown.len()).filter(|&n| materials[n] == material).collect();
             let members: Vec<u32> = rows.iter().map(|&n| shown[n]).collect();
-            let found = pieces(at, &members, Touch::SEEN)?;
+            let found = pieces(at, &members, touch)?;
             let first = out.weights.len();
             out.fixed.resize(first + found.weights.len(), false);
             for (&n, &label) in rows.iter().zip(&found.labels) {
@@ -239,8 +248,8 @@ impl Pieces {
     }
 
     /// Returns the material of each piece's body, `[P]`; `bodies` `[P]` holds for each piece the piece of highest
-    /// opacity of its body.
-    fn materials_by_body(&self, bodies: &[usize]) -> Vec<u32> {
+    /// opacity of its body. From the ratio `mixed` on, the order of a body's two materials counts as chance.
+    fn materials_by_body(&self, bodies: &[usize], mixed: f64) -> Vec<u32> {
         let mut parts: BTreeMap<usize, BTreeMap<u32, f64>> = BTreeMap::new();
         for (piece, &body) in bodies.iter().enumerate() {
             *parts.entry(body).or_default().entry(self.materials[piece]).or_default() += self.weights[piece];
@@ -248,7 +257,7 @@ impl Pieces {
         let pairs: BTreeMap<usize, [u32; 2]> = parts
             .iter()
             .filter(|(body, _)| !self.fixed[**body])
-            .filter_map(|(&body, p)| Some((body, mixed(p)?)))
+            .filter_map(|(&body, p)| Some((body, mixed_pair(p, mixed)?)))
             .collect();
         // opacity of both materials of a pair, over all bodies of that pair
         let mut together: BTreeMap<[u32; 2], [f64; 2]> = BTreeMap::new();
@@ -276,13 +285,13 @@ impl Pieces {
     }
 }
 
-/// Returns the two materials of highest opacity, ascending, if a body has them in about equal parts; `parts` holds the
-/// opacity of each material.
-fn mixed(parts: &BTreeMap<u32, f64>) -> Option<[u32; 2]> {
+/// Returns the two materials of highest opacity, ascending, if the ratio of their opacities is at least `ratio`; `parts`
+/// holds the opacity of each material.
+fn mixed_pair(parts: &BTreeMap<u32, f64>, ratio: f64) -> Option<[u32; 2]> {
     let mut by_weight: Vec<(u32, f64)> = parts.iter().map(|(&material, &weight)| (material, weight)).collect();
     by_weight.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     let &[(first, most), (second, less), ..] = by_weight.as_slice() else { return None };
-    (less >= MIXED * most).then(|| [first.min(second), first.max(second)])
+    (less >= ratio * most).then(|| [first.min(second), first.max(second)])
 }
 
 #[cfg(test)]

@@ -18,7 +18,7 @@ fn joined(at: &HostGaussians, labels: &[u32]) -> Vec<u32> {
     let others = count.min(3);
     let at = at.subset(&(0..others).chain(0..count).collect::<Vec<u32>>());
     let shown: Vec<u32> = (others..others + count).collect();
-    join_surface_layers(&at, &shown, &mut out).unwrap();
+    join_surface_layers(&at, &shown, &mut out, &SegmentConfig::default()).unwrap();
     out
 }
 
@@ -72,7 +72,7 @@ fn a_layer_several_gaussians_thick_joins_what_it_covers() {
     assert!(share(&found, &layer, 1) > 0.9 && others == [1.0; 2], "{} {others:?}", share(&found, &layer, 1));
     assert_eq!(found, on_threads(1, || joined(&at, &labels)));
     let (all, mut at_once): (Vec<u32>, _) = ((0..at.len() as u32).collect(), labels.clone());
-    join(&at, &all, &mut at_once, &vec![false; labels.len()]).unwrap();
+    join(&at, &all, &mut at_once, &vec![false; labels.len()], &SegmentConfig::default()).unwrap();
     assert!(share(&at_once, &layer, 2) > 0.9, "not without samples");
 }
 
@@ -89,7 +89,7 @@ fn what_has_joined_a_layer_goes_along_with_it() {
     block(&mut rows, [120, 0, 0], [12, 12, 4], 3);
     let (at, labels) = scene(&rows);
     let (all, mut at_once): (Vec<u32>, _) = ((0..at.len() as u32).collect(), labels.clone());
-    join(&at, &all, &mut at_once, &vec![false; labels.len()]).unwrap();
+    join(&at, &all, &mut at_once, &vec![false; labels.len()], &SegmentConfig::default()).unwrap();
     assert!(at_once[patch..elsewhere].iter().all(|l| *l == 2), "it is on the layer");
     let found = joined(&at, &labels);
     let share = |range: std::ops::Range<usize>, label: u32| {

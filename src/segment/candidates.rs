@@ -5,9 +5,10 @@ use super::fine::AffinityField;
 use super::fine::extract::cosines;
 use super::fine::network::Frame;
 use super::necks;
-use super::objects::{self, objects};
+use super::objects::objects;
 use super::pick::PickError;
 use super::pieces::{Touch, pieces};
+use crate::config::types::SegmentConfig;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::components::Components;
@@ -18,10 +19,9 @@ use std::sync::{Arc, OnceLock};
 use volseggs_kernels::activation::sigmoid_f64;
 use volseggs_kernels::contrast::FEATURES;
 
-/// Number of scales whose features are cached: those at which levels are sought, that of wholes, and that of a slider.
-const MAX_CACHED: usize = 7;
-/// A piece has parts only if it holds at least one in this many of the candidates, unless it is clicked.
-pub(super) const SMALL: usize = 50;
+/// Number of scales whose features are cached besides those at which levels are sought: that of wholes, and that of a
+/// slider.
+const MORE_CACHED: usize = 2;
 
 /// Cached results about candidates, see [`Candidates::with_found`].
 #[derive(Debug, Default)]
@@ -82,6 +82,8 @@ pub struct Candidates<'a> {
     pub within: &'a [u32],
     /// Whether they are the whole scene, where objects touch each other, so that connected pieces are no levels.
     pub whole: bool,
+    /// The options of all rules.
+    pub config: &'a SegmentConfig,
     found: Found,
     around: Arc<Surroundings>,
 }
@@ -98,9 +100,10 @@ impl<'a> Candidates<'a> {
         places: &'a [f32],
         at: &'a HostGaussians,
         within: &'a [u32],
+        config: &'a SegmentConfig,
     ) -> Self {
         let whole = within.len() == at.len();
-        Self { field, frame, places, at, within, whole, found: Found::default(), around: Arc::default() }
+        Self { field, frame, places, at, within, whole, config, found: Found::default(), around: Arc::default() }
     }
 
     /// Sets whether the candidates are a segment, which may hold every Gaussian, or the whole scene.
@@ -173,7 +176,7 @@ impl<'a> Candidates<'a> {
         if let Some(pieces) = self.found.pieces.get() {
             return Ok(pieces);
         }
-        let pieces = pieces(self.at, self.within, Touch::SEEN)?;
+        let pieces = pieces(self.at, self.within, Touch::seen(&self.config.pieces))?;
         Ok(self.found.pieces.get_or_init(|| pieces))
     }
 
@@ -187,7 +190,7 @@ impl<'a> Candidates<'a> {
         let around = &self.around;
         if around.objects.get().is_none() && around.pieces.get().is_none() {
             let all: Vec<u32> = (0..self.at.len() as u32).collect();
-            let _ = around.pieces.set(pieces(self.at, &all, Touch::SEEN)?);
+            let _ = around.pieces.set(pieces(self.at, &all, Touch::seen(&self.config.pieces))?);
         }
         let labels = around.objects.get().or_else(|| around.pieces.get().map(|pieces| &pieces.labels));
         let labels = labels.map_or(&[][..], Vec::as_slice);
@@ -209,7 +212,7 @@ impl<'a> Candidates<'a> {
         let (mut of, mut last) = (vec![0; self.within.len()], 0);
         for (piece, rows) in (1..).zip(rows) {
             let first = last;
-            if rows.len() * SMALL < self.within.len() {
+            if rows.len() * self.config.levels.one_in < self.within.len() {
                 rows.iter().for_each(|&n| of[n] = first + 1);
                 last += 1;
                 continue;
@@ -238,15 +241,15 @@ impl<'a> Candidates<'a> {
             return Ok(known.clone());
         }
         let body = self.at.subset(members);
-        let all = self.features(objects::SCALE);
+        let all = self.features(self.config.objects.scale);
         let mut features = Vec::with_capacity(FEATURES * members.len());
         for &member in members {
             let position = self.position(member)?;
             features.extend_from_slice(&all[FEATURES * position..FEATURES * (position + 1)]);
         }
-        let mut found = objects(&body, &features)?;
+        let mut found = objects(&body, &features, self.config)?;
         if found.iter().all(|object| *object == 1) {
-            found = necks::parts(&body)?;
+            found = necks::parts(&body, &self.config.necks)?;
         }
         let found = Arc::new(found);
         self.found.parts.borrow_mut().insert(piece, found.clone());
@@ -268,7 +271,7 @@ impl<'a> Candidates<'a> {
                     self.within.iter().flat_map(|&i| &self.places[3 * i as usize..][..3]).copied().collect();
                 self.frame.encode(&means)
             });
-            if kept.len() == MAX_CACHED {
+            if kept.len() == self.config.levels.scales.len() + MORE_CACHED {
                 kept.remove(0);
             }
             kept.push((scale, Arc::new(self.field.features(encoded, scale))));
@@ -306,7 +309,8 @@ mod tests {
         let field = AffinityField::new(3, &device);
         let frame = Frame::around(&at.means);
         let within: Vec<u32> = (0..at.len() as u32).filter(|i| i % 3 > 0).collect();
-        let new = || Candidates::new(&field, &frame, &at.means, &at, &within);
+        let config = SegmentConfig::default();
+        let new = || Candidates::new(&field, &frame, &at.means, &at, &within, &config);
         let mut found = Found::default();
         // more scales than are cached
         for n in 0..20 {
@@ -317,13 +321,13 @@ mod tests {
             assert_eq!(kept.pieces().unwrap(), new().pieces().unwrap());
             found = kept.into_found();
         }
-        assert_eq!(found.features.borrow().len(), MAX_CACHED);
+        assert_eq!(found.features.borrow().len(), 7);
         // results kept for another time are those computed afresh there
         let mut later = at.clone();
         later.opacity_logits.iter_mut().step_by(2).for_each(|logit| *logit = -9.0);
-        let new = || Candidates::new(&field, &frame, &at.means, &later, &within);
+        let new = || Candidates::new(&field, &frame, &at.means, &later, &within, &config);
         let kept = new().with_found(found.at_another_time());
-        assert_eq!(kept.found.features.borrow().len(), MAX_CACHED);
+        assert_eq!(kept.found.features.borrow().len(), 7);
         assert_eq!(kept.cosines(7, 0.3), new().cosines(7, 0.3));
         assert_eq!((kept.shown(), kept.pieces().unwrap()), (new().shown(), new().pieces().unwrap()));
     }

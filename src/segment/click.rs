@@ -1,20 +1,13 @@
 //! Finds the Gaussian visible at a clicked pixel.
 
+use crate::config::types::segment::ClickConfig;
 use crate::model::HostGaussians;
 use burn::tensor::Device;
 use volseggs_kernels::splat::SplatSettings;
 use volseggs_kernels::splat::contributors::{Contributors, ContributorsError, contributors};
 
-/// Minimum total weight of the Gaussians in a pixel for it to show anything that a user would click on.
-const FAINT: f32 = 0.05;
-/// Maximum distance between a click and the thin object that it means, as a fraction of the image width.
-const REACH: f32 = 0.01;
-/// Lower bound of that distance in pixels.
-const MIN_REACH: f32 = 2.0;
-
 /// Returns the Gaussians under a click on column `x` and row `y`, as indices and weights, nearest first. They are those
-/// that contribute to that pixel or, where it shows nothing, to the nearest pixel that shows something, up to a
-/// hundredth of the image width away and at least up to two pixels.
+/// that contribute to that pixel or, where it shows nothing, to the nearest pixel within reach that shows something.
 ///
 /// # Errors
 /// If the camera has no such pixel.
@@ -22,6 +15,7 @@ pub fn under(
     gaussians: &HostGaussians,
     settings: SplatSettings,
     [x, y]: [u32; 2],
+    config: &ClickConfig,
     device: &Device,
 ) -> Result<Vec<(u32, f32)>, ContributorsError> {
     let camera = settings.camera;
@@ -29,23 +23,19 @@ pub fn under(
     // a column beyond the right edge must not become a pixel of the next row
     let pixel = if x as usize >= camera.width { u32::MAX } else { pixel };
     let clicked = seen(gaussians, settings, &[pixel], device)?;
-    if shows(&clicked, 0) {
+    let shows = |found: &Contributors, row: usize| found.row(row).1.iter().sum::<f32>() >= config.faint;
+    if !config.nearby || shows(&clicked, 0) {
         return Ok(clicked.pairs(0).collect());
     }
-    let around = around([x, y], [camera.width, camera.height]);
+    let reach = (config.reach * camera.width as f32).max(config.min_reach);
+    let around = around([x, y], [camera.width, camera.height], reach);
     let found = seen(gaussians, settings, &around, device)?;
     let nearest = (0..around.len()).find(|&row| shows(&found, row));
     Ok(nearest.map_or_else(|| clicked.pairs(0).collect(), |row| found.pairs(row).collect()))
 }
 
-/// Whether a pixel shows anything.
-fn shows(found: &Contributors, row: usize) -> bool {
-    found.row(row).1.iter().sum::<f32>() >= FAINT
-}
-
-/// The pixels within reach of a pixel, without itself, nearest first.
-fn around([x, y]: [u32; 2], [width, height]: [usize; 2]) -> Vec<u32> {
-    let reach = (REACH * width as f32).max(MIN_REACH);
+/// The pixels within `reach` pixels of a pixel, without itself, nearest first.
+fn around([x, y]: [u32; 2], [width, height]: [usize; 2], reach: f32) -> Vec<u32> {
     let (x, y, steps) = (i64::from(x), i64::from(y), reach as i64);
     let mut found: Vec<(i64, u32)> = Vec::new();
     for (dy, dx) in (-steps..=steps).flat_map(|dy| (-steps..=steps).map(move |dx| (dy, dx))) {
@@ -113,7 +103,7 @@ mod tests {
     fn a_click_finds_the_heaviest_gaussian_that_is_wanted() {
         let device = crate::device::DeviceName::Flex.open().unwrap();
         let (at, settings) = three();
-        let under = under(&at, settings, [32, 24], &device).unwrap();
+        let under = under(&at, settings, [32, 24], &ClickConfig::default(), &device).unwrap();
         assert_eq!(under.iter().map(|u| u.0).collect::<Vec<_>>(), [0, 1], "nearest first");
         assert_eq!(heaviest(&under, |_| true), Some(1), "the faint one in front does not count more");
         assert_eq!(heaviest(&under, |i| i == 0), Some(0));
@@ -127,7 +117,8 @@ mod tests {
         // a thread along the vertical, a fraction of a pixel wide, in column 32
         at.log_scales[..3].copy_from_slice(&[-9.0, -9.0, 0.0]);
         at.opacity_logits[..2].copy_from_slice(&[4.0, -20.0]);
-        let on = |column| under(&at, settings, [column, 20], &device).unwrap().first().map(|u| u.0);
+        let on =
+            |column| under(&at, settings, [column, 20], &ClickConfig::default(), &device).unwrap().first().map(|u| u.0);
         let columns: Vec<u32> = (20..45).filter(|&c| on(c) == Some(0)).collect();
         let (first, last) = (columns[0], columns[columns.len() - 1]);
         assert!((5..=6).contains(&(last - first + 1)), "two pixels on either side: {columns:?}");
@@ -139,8 +130,8 @@ mod tests {
         let device = crate::device::DeviceName::Flex.open().unwrap();
         let (at, settings) = three();
         for pixel in [[64, 0], [0, 48], [u32::MAX, 1], [3, u32::MAX]] {
-            under(&at, settings, pixel, &device).unwrap_err();
+            under(&at, settings, pixel, &ClickConfig::default(), &device).unwrap_err();
         }
-        assert_eq!(under(&at, settings, [0, 0], &device).unwrap(), [], "nothing there");
+        assert_eq!(under(&at, settings, [0, 0], &ClickConfig::default(), &device).unwrap(), [], "nothing there");
     }
 }

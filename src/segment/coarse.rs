@@ -7,6 +7,8 @@ use super::material::{Materials, materials};
 use super::material_groups::group;
 use super::palette::{PaletteEntry, name_colours, name_materials};
 use super::pieces::{Touch, pieces};
+use crate::config::types::SegmentConfig;
+use crate::config::types::segment::ColourSpace;
 use crate::model::{HostGaussians, OtherTimes, Scene};
 use crate::points::PointsError;
 use crate::points::kmeans::{KMeansConfig, kmeans, nearest};
@@ -18,73 +20,26 @@ use crate::rng::{Purpose, Rng};
 /// Directions over which a colour is averaged.
 const DIRECTIONS: usize = 128;
 
-/// Space in which colours are compared.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ColourSpace {
-    /// The material's colour: hue first, then chroma, regardless of shading; see [`material`](super::material).
-    Material,
-    /// The mean colour as displayed, as in the paper: light and dark sides of one material may form two groups.
-    Rgb,
-    /// The mean colour in CIE Lab: perceptual distances.
-    Lab,
-}
-
-/// Options of [`coarse`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CoarseOptions {
-    /// Number of colours; suggested from the data if not given.
-    pub clusters: Option<usize>,
-    /// Space in which colours are compared.
-    pub space: ColourSpace,
-    /// Minimum opacity at the chosen time of the Gaussians that define the colours; those less opaque at all times get
-    /// no label.
-    pub min_opacity: f32,
-    /// Whether surface layers stay segments of their own, or go with the objects of their hue, instead of joining the
-    /// bodies that they cover, see [`bodies`](super::bodies). They always do if the number of colours is given or mean
-    /// colours are grouped.
-    pub keep_surface_layers: bool,
-    /// How outliers are found; `None` keeps them. Gaussians with too few neighbours are removed unless they touch and
-    /// form a connected piece of more than that number of their colour, as threads do.
-    pub outliers: Option<OutlierConfig>,
-    /// Seed of the clustering.
-    pub seed: u64,
-}
-
-impl Default for CoarseOptions {
-    fn default() -> Self {
-        Self {
-            clusters: None,
-            space: ColourSpace::Material,
-            min_opacity: 0.02,
-            keep_surface_layers: false,
-            outliers: Some(OutlierConfig::default()),
-            seed: 0,
+/// Returns what [`coarse`] reads of the other times of a `scene` whose Gaussians it groups `at` one time: opacities of
+/// those hidden at this time, and, if materials are grouped by their neighbours over time, positions of all.
+///
+/// # Panics
+/// If `at` is of another number of Gaussians.
+#[must_use]
+pub fn other_times(scene: &Scene, at: &HostGaussians, config: &SegmentConfig) -> OtherTimes {
+    let (hidden, min_opacity) = (hidden(at, config), config.colour.min_opacity);
+    match config.colour.space {
+        ColourSpace::Material if config.groups.over_time => scene.at_other_times(&hidden, min_opacity),
+        _ => {
+            let opacity = scene.opacity_at_other_times(&hidden, min_opacity);
+            OtherTimes { opacity, ..OtherTimes::default() }
         }
     }
 }
 
-impl CoarseOptions {
-    /// Returns what [`coarse`] reads of the other times of a `scene` whose Gaussians it groups `at` one time: opacities
-    /// of those hidden at this time, and, if materials are grouped, positions of all.
-    ///
-    /// # Panics
-    /// If `at` is of another number of Gaussians.
-    #[must_use]
-    pub fn other_times(&self, scene: &Scene, at: &HostGaussians) -> OtherTimes {
-        let hidden = self.hidden(at);
-        match self.space {
-            ColourSpace::Material => scene.at_other_times(&hidden, self.min_opacity),
-            ColourSpace::Rgb | ColourSpace::Lab => {
-                let opacity = scene.opacity_at_other_times(&hidden, self.min_opacity);
-                OtherTimes { opacity, ..OtherTimes::default() }
-            }
-        }
-    }
-
-    /// Returns which of `gaussians` are too transparent at their time to define colours, `[N]`.
-    pub(super) fn hidden(&self, gaussians: &HostGaussians) -> Vec<bool> {
-        gaussians.opacity().iter().map(|o| o.is_nan() || *o < self.min_opacity).collect()
-    }
+/// Returns which of `gaussians` are too transparent at their time to define colours, `[N]`.
+pub(super) fn hidden(gaussians: &HostGaussians, config: &SegmentConfig) -> Vec<bool> {
+    gaussians.opacity().iter().map(|o| o.is_nan() || *o < config.colour.min_opacity).collect()
 }
 
 /// Gaussians grouped by colour.
@@ -97,7 +52,7 @@ pub struct Coarse {
     pub labels: Vec<u32>,
     /// Number of Gaussians removed as outliers.
     pub outliers: usize,
-    /// Number of Gaussians less opaque than [`CoarseOptions::min_opacity`] at all times.
+    /// Number of Gaussians less opaque than `segment.colour.min_opacity` at all times.
     pub transparent: usize,
     /// Number of Gaussians with a non-finite position or colour. These three numbers and the labelled Gaussians add up
     /// to N.
@@ -117,7 +72,8 @@ impl Coarse {
 /// Groups Gaussians at a time by colour, each weighted by its opacity. Those transparent at this time but not always
 /// join the nearest colour, as a segment may consist of them at another time; those of a material not visible at this
 /// time form a colour of their own, unless the number of colours is given or mean colours are grouped. Neighbours are
-/// those that stay near over all `other_times` ([`CoarseOptions::other_times`]), so that what only passes by has no say.
+/// those that stay near over all `other_times` (see [`other_times`]), so that what only passes by has no say. The result is
+/// the same for the same `seed`.
 ///
 /// # Errors
 /// If an option is out of range.
@@ -127,7 +83,8 @@ impl Coarse {
 pub fn coarse(
     gaussians: &HostGaussians,
     other_times: Option<&OtherTimes>,
-    options: &CoarseOptions,
+    config: &SegmentConfig,
+    seed: u64,
 ) -> Result<Coarse, PointsError> {
     let nothing = OtherTimes { means: Vec::new(), opacity: vec![0.0; gaussians.len()] };
     let other_times = other_times.unwrap_or(&nothing);
@@ -138,43 +95,47 @@ pub fn coarse(
     let (sh, coefficients) = gaussians.material_colours();
     let harmonics = 3 * coefficients;
     let opacity = gaussians.opacity();
-    let too_transparent = options.hidden(gaussians);
+    let too_transparent = hidden(gaussians, config);
+    let options = &config.colour;
     // tests the sum, so that no colour computed from these values overflows either
     let finite = |v: &[f32]| v.iter().map(|v| v.abs()).sum::<f32>().is_finite();
-    let (mut hidden, shown): (Vec<u32>, Vec<u32>) = (0..gaussians.len() as u32)
+    let (mut faint, shown): (Vec<u32>, Vec<u32>) = (0..gaussians.len() as u32)
         .filter(|&i| {
             finite(&gaussians.means[3 * i as usize..][..3]) && finite(&sh[i as usize * harmonics..][..harmonics])
         })
         .partition(|&i| too_transparent[i as usize]);
-    let not_finite = gaussians.len() - shown.len() - hidden.len();
+    let not_finite = gaussians.len() - shown.len() - faint.len();
     let shown = Weighed::new(shown, &opacity);
-    hidden.retain(|&i| other_times.opacity[i as usize] > 0.0);
-    let later = Weighed::new(hidden, &other_times.opacity);
-    let mut rng = Rng::new(options.seed, 0, Purpose::Clusters);
+    faint.retain(|&i| other_times.opacity[i as usize] > 0.0);
+    let later = Weighed::new(faint, &other_times.opacity);
+    let mut rng = Rng::new(seed, 0, Purpose::Clusters);
     let mut uniform = || rng.uniform();
     let found = match options.space {
-        ColourSpace::Material => by_material((gaussians, other_times), &shown, &later, options, &mut uniform)?,
-        ColourSpace::Rgb | ColourSpace::Lab => by_mean(gaussians, &shown, &later, options, &mut uniform)?,
+        ColourSpace::Material => by_material((gaussians, other_times), &shown, &later, config, &mut uniform)?,
+        ColourSpace::Rgb | ColourSpace::Lab => by_mean(gaussians, &shown, &later, config, &mut uniform)?,
     };
     let mut labels = vec![0; gaussians.len()];
     for (&i, &label) in shown.rows.iter().zip(&found.shown) {
         labels[i as usize] = label;
     }
     let mut removed = 0;
-    if let Some(outliers) = &options.outliers {
+    if options.outliers {
+        let radius = (options.outlier_radius > 0.0).then_some(options.outlier_radius);
+        let outliers = OutlierConfig { radius, min_neighbours: options.outlier_neighbours };
         // each colour separately: a red Gaussian in a blue cloud is an outlier of red
         for label in 1..=found.colours.len() as u32 / 3 {
             let members: Vec<u32> = (0..).zip(&labels).filter(|(_, l)| **l == label).map(|(i, _)| i).collect();
             let means: Vec<f32> =
                 members.iter().flat_map(|&i| &gaussians.means[3 * i as usize..][..3]).copied().collect();
-            let mask = keep_mask(&means, outliers)?;
+            let mask = keep_mask(&means, &outliers)?;
             if mask.keep.iter().all(|keep| *keep) {
                 continue;
             }
             // thin objects have few neighbours but are connected
-            let found = pieces(gaussians, &members, Touch::ALL)?;
+            let found = pieces(gaussians, &members, Touch::all(&config.pieces))?;
             let with_others = |n: usize| {
-                found.labels[n].checked_sub(1).is_some_and(|p| found.counts[p as usize] > outliers.min_neighbours)
+                let large = |p: u32| found.counts[p as usize] > outliers.min_neighbours;
+                options.threads && found.labels[n].checked_sub(1).is_some_and(large)
             };
             for (_, &i) in members.iter().enumerate().filter(|(n, _)| !mask.keep[*n] && !with_others(*n)) {
                 labels[i as usize] = 0;
@@ -183,10 +144,10 @@ pub fn coarse(
         }
     }
     let mut of_later = found.later;
-    if options.space == ColourSpace::Material && options.clusters.is_none() && !options.keep_surface_layers {
+    if options.space == ColourSpace::Material && options.clusters == 0 && config.layers.join {
         let before: Vec<u32> = shown.rows.iter().map(|&i| labels[i as usize]).collect();
         let mut after = before.clone();
-        join_surface_layers(gaussians, &shown.rows, &mut after)?;
+        join_surface_layers(gaussians, &shown.rows, &mut after, config)?;
         follow_nearest(gaussians, [&shown.rows, &later.rows], [&before, &after], &mut of_later)?;
         shown.rows.iter().zip(after).for_each(|(&i, label)| labels[i as usize] = label);
     }
@@ -224,11 +185,11 @@ fn by_material(
     (gaussians, other_times): (&HostGaussians, &OtherTimes),
     shown: &Weighed,
     later: &Weighed,
-    options: &CoarseOptions,
+    config: &SegmentConfig,
     uniform: &mut impl FnMut() -> f32,
 ) -> Result<Found, PointsError> {
     let (sh, coefficients) = gaussians.material_colours();
-    let all = materials(&sh, coefficients)?;
+    let all = materials(&sh, coefficients, &config.material)?;
     let rows = |values: &[f32], width: usize, which: &[u32]| -> Vec<f32> {
         which.iter().flat_map(|&i| &values[i as usize * width..][..width]).copied().collect()
     };
@@ -238,13 +199,15 @@ fn by_material(
         certainty: rows(&all.certainty, 1, which),
     };
     let neighbours = |which: &[u32]| {
+        let others = other_times.means.iter().filter(|_| config.groups.over_time);
         let times: Vec<Vec<f32>> =
-            std::iter::once(&gaussians.means).chain(&other_times.means).map(|means| rows(means, 3, which)).collect();
-        nearest_over_time(&times.iter().map(Vec::as_slice).collect::<Vec<&[f32]>>())
+            std::iter::once(&gaussians.means).chain(others).map(|means| rows(means, 3, which)).collect();
+        let times: Vec<&[f32]> = times.iter().map(Vec::as_slice).collect();
+        nearest_over_time(&times, config.groups.neighbours)
     };
-    let mut found = group(&neighbours(&shown.rows)?, &of(&shown.rows), &shown.weights, options.clusters, uniform)?;
+    let mut found = group(&neighbours(&shown.rows)?, &of(&shown.rows), &shown.weights, config, uniform)?;
     let of_later = of(&later.rows);
-    if options.clusters.is_none() {
+    if config.colour.clusters == 0 && config.groups.unseen {
         found.add_unseen(&neighbours(&later.rows)?, &of_later, &later.weights)?;
     }
     Ok(Found { later: found.nearest(&of_later), shown: found.labels, colours: found.colours })
@@ -255,19 +218,20 @@ fn by_mean(
     gaussians: &HostGaussians,
     shown: &Weighed,
     later: &Weighed,
-    options: &CoarseOptions,
+    config: &SegmentConfig,
     uniform: &mut impl FnMut() -> f32,
 ) -> Result<Found, PointsError> {
     let (sh, coefficients) = gaussians.material_colours();
     let colours = mean_colour(&sh, coefficients, &fibonacci_sphere(DIRECTIONS))?;
+    let options = &config.colour;
     let points_of = |which: &[u32]| {
         let rows: Vec<f32> = which.iter().flat_map(|&i| &colours[3 * i as usize..][..3]).copied().collect();
         if options.space == ColourSpace::Lab { rgb_to_lab_all(&rows) } else { rows }
     };
     let (points, weights) = (points_of(&shown.rows), &shown.weights);
     let clusters = match options.clusters {
-        Some(k) => k,
-        None => suggest_clusters(&points, 3, weights, 2..=10, uniform)?.clusters,
+        k if k > 0 => k,
+        _ => suggest_clusters(&points, 3, weights, 2..=10, uniform)?.clusters,
     };
     let found = kmeans(&points, 3, weights, &KMeansConfig::new(clusters), uniform)?;
     let mut of_later = vec![0; later.rows.len()];

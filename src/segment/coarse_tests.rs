@@ -32,6 +32,12 @@ fn two_balls() -> (HostGaussians, Vec<u32>) {
 }
 
 /// Gaussians at rest with these opacities at another time.
+fn of_space(space: ColourSpace) -> SegmentConfig {
+    let mut config = SegmentConfig::default();
+    config.colour.space = space;
+    config
+}
+
 fn visible_later(opacity: Vec<f32>) -> OtherTimes {
     OtherTimes { means: Vec::new(), opacity }
 }
@@ -40,7 +46,7 @@ fn visible_later(opacity: Vec<f32>) -> OtherTimes {
 fn colours_are_separated_and_haze_belongs_to_none() {
     let (g, truth) = two_balls();
     for space in [ColourSpace::Rgb, ColourSpace::Lab, ColourSpace::Material] {
-        let out = coarse(&g, None, &CoarseOptions { space, ..CoarseOptions::default() }).unwrap();
+        let out = coarse(&g, None, &of_space(space), 0).unwrap();
         let names: Vec<&str> = out.palette.iter().map(|p| p.name.as_str()).collect();
         assert_eq!(names, ["blue", "red"], "{space:?}");
         let wrong = out.labels.iter().zip(&truth).filter(|(a, b)| a != b).count();
@@ -52,27 +58,29 @@ fn colours_are_separated_and_haze_belongs_to_none() {
     // haze that is opaque at another time joins the nearest colour
     let later = visible_later((0..truth.len()).map(|i| if i % 6 == 2 { 0.02 } else { 0.0 }).collect());
     for space in [ColourSpace::Rgb, ColourSpace::Material] {
-        let options = CoarseOptions { space, ..CoarseOptions::default() };
-        let with = coarse(&g, Some(&later), &options).unwrap();
-        let without = coarse(&g, None, &options).unwrap();
+        let options = of_space(space);
+        let with = coarse(&g, Some(&later), &options, 0).unwrap();
+        let without = coarse(&g, None, &options, 0).unwrap();
         for i in 0..900 {
             assert_eq!(with.labels[i] > 0, without.labels[i] > 0 || i % 6 == 2, "{i}");
         }
     }
-    let kept = CoarseOptions { outliers: None, clusters: Some(2), space: ColourSpace::Rgb, ..CoarseOptions::default() };
-    let out = coarse(&g, None, &kept).unwrap();
+    let mut kept = of_space(ColourSpace::Rgb);
+    (kept.colour.outliers, kept.colour.clusters) = (false, 2);
+    let out = coarse(&g, None, &kept, 0).unwrap();
     assert_eq!((out.outliers, out.labels.last()), (0, Some(&2)));
-    assert_eq!(out.labels, coarse(&g, None, &kept).unwrap().labels, "the same labels again");
+    assert_eq!(out.labels, coarse(&g, None, &kept, 0).unwrap().labels, "the same labels again");
 }
 
 #[test]
 fn every_gaussian_is_accounted_for_and_no_colour_is_empty() {
     let (mut g, _) = two_balls();
     g.means[0] = f32::NAN;
-    let options = CoarseOptions { space: ColourSpace::Rgb, ..CoarseOptions::default() };
-    let numbers = [None, Some(2), Some(40)];
+    let numbers = [0, 2, 40];
     for (clusters, space) in numbers.into_iter().flat_map(|k| [(k, ColourSpace::Rgb), (k, ColourSpace::Material)]) {
-        let out = coarse(&g, None, &CoarseOptions { clusters, space, ..options }).unwrap();
+        let mut config = of_space(space);
+        config.colour.clusters = clusters;
+        let out = coarse(&g, None, &config, 0).unwrap();
         let mut counts = vec![0; out.palette.len()];
         out.labels.iter().filter(|l| **l > 0).for_each(|l| counts[*l as usize - 1] += 1);
         assert!(counts.iter().all(|n| *n > 0), "{counts:?}");
@@ -84,8 +92,9 @@ fn every_gaussian_is_accounted_for_and_no_colour_is_empty() {
     }
     // every Gaussian is isolated, so all are removed
     g.log_scales.fill(-20.0);
-    let outliers = Some(OutlierConfig { radius: Some(1e-6), ..OutlierConfig::default() });
-    let out = coarse(&g, None, &CoarseOptions { outliers, ..options }).unwrap();
+    let mut config = of_space(ColourSpace::Rgb);
+    config.colour.outlier_radius = 1e-6;
+    let out = coarse(&g, None, &config, 0).unwrap();
     assert!(out.palette.is_empty() && out.labels.iter().all(|l| *l == 0));
     let mut labels = [0, 3, 1, 3];
     assert_eq!(without_empty(&[1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0], &mut labels)[3..], [3.0; 3]);
@@ -104,12 +113,12 @@ fn a_thin_thread_is_kept_only_where_its_gaussians_touch() {
         g.sh.extend([0.9, 0.1, 0.1].map(|c: f32| (c - 0.5) / C0).iter().chain(&[0.0; 9]));
     }
     for space in [ColourSpace::Rgb, ColourSpace::Material] {
-        let options = CoarseOptions { space, ..CoarseOptions::default() };
-        let red = coarse(&g, None, &options).unwrap().labels[truth.iter().position(|t| *t == 2).unwrap()];
-        assert_eq!(coarse(&g, None, &options).unwrap().labels[ball..], [red; 60], "{space:?}");
+        let options = of_space(space);
+        let red = coarse(&g, None, &options, 0).unwrap().labels[truth.iter().position(|t| *t == 2).unwrap()];
+        assert_eq!(coarse(&g, None, &options, 0).unwrap().labels[ball..], [red; 60], "{space:?}");
         let mut apart = g.clone();
         apart.log_scales[3 * ball..].fill(-5.0);
-        assert_eq!(coarse(&apart, None, &options).unwrap().labels[ball..], [0; 60], "{space:?}");
+        assert_eq!(coarse(&apart, None, &options, 0).unwrap().labels[ball..], [0; 60], "{space:?}");
     }
 }
 
@@ -117,14 +126,15 @@ fn a_thin_thread_is_kept_only_where_its_gaussians_touch() {
 fn empty_and_non_finite_inputs_are_accepted() {
     let (mut g, _) = two_balls();
     (g.means[0], g.sh[20], g.opacity_logits[6]) = (f32::NAN, f32::INFINITY, f32::NAN);
-    let out = coarse(&g, None, &CoarseOptions::default()).unwrap();
+    let out = coarse(&g, None, &SegmentConfig::default(), 0).unwrap();
     assert_eq!((out.labels[0], out.labels[6]), (0, 0));
     let none = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-    for clusters in [None, Some(3)] {
-        let out = coarse(&none, None, &CoarseOptions { clusters, ..CoarseOptions::default() }).unwrap();
+    for clusters in [0, 3] {
+        let mut config = SegmentConfig::default();
+        config.colour.clusters = clusters;
+        let out = coarse(&none, None, &config, 0).unwrap();
         assert!(out.palette.is_empty() && out.labels.is_empty());
     }
-    assert!(coarse(&g, None, &CoarseOptions { clusters: Some(0), ..CoarseOptions::default() }).is_err());
 }
 
 #[test]
@@ -144,16 +154,17 @@ fn a_surface_layer_joins_its_body_with_what_is_visible_later_unless_it_is_to_be_
     sphere(3.0, 1.0, blue, 2.0);
     sphere(-3.0, 1.15, blue, -9.0); // visible later
     let later = visible_later((0..g.len()).map(|i| if i < 5400 { 0.0 } else { 0.5 }).collect());
-    let labels = |keep_surface_layers: bool| {
-        let options = CoarseOptions { keep_surface_layers, ..CoarseOptions::default() };
-        let out = coarse(&g, Some(&later), &options).unwrap();
+    let labels = |join: bool| {
+        let mut config = SegmentConfig::default();
+        config.layers.join = join;
+        let out = coarse(&g, Some(&later), &config, 0).unwrap();
         let of = |sphere: usize| out.labels[1800 * sphere..][..1800].to_vec();
         let all_of = [0, 1, 2, 3].map(|sphere| of(sphere)[0]);
         (0..4).for_each(|sphere| assert_eq!(of(sphere), [all_of[sphere]; 1800], "sphere {sphere}"));
         all_of.map(|label| out.palette[label as usize - 1].name.clone())
     };
-    assert_eq!(labels(true), ["red", "blue", "blue", "blue"]);
-    assert_eq!(labels(false), ["red", "red", "blue", "red"]);
+    assert_eq!(labels(false), ["red", "blue", "blue", "blue"]);
+    assert_eq!(labels(true), ["red", "red", "blue", "red"]);
 }
 
 #[test]
@@ -177,13 +188,14 @@ fn what_a_core_passes_by_stays_with_its_body() {
         g.means.iter().enumerate().map(of).collect()
     };
     let passing = OtherTimes { means: [-0.8, -0.4, 0.0, 0.4, 0.8].map(moved).into(), opacity: vec![0.0; g.len()] };
-    let options = CoarseOptions { outliers: None, ..CoarseOptions::default() };
+    let mut options = SegmentConfig::default();
+    options.colour.outliers = false;
     let reds = |found: &Coarse| {
         let red = 1 + found.palette.iter().position(|p| p.name == "red").unwrap() as u32;
         [0..2000, 2000..2015, 2015..2315].map(|rows| found.labels[rows].iter().filter(|l| **l == red).count())
     };
-    let at_once = reds(&coarse(&g, None, &options).unwrap());
-    let over_time = reds(&coarse(&g, Some(&passing), &options).unwrap());
+    let at_once = reds(&coarse(&g, None, &options, 0).unwrap());
+    let over_time = reds(&coarse(&g, Some(&passing), &options, 0).unwrap());
     assert!(at_once[1] >= 5, "by the neighbours of this time alone: {at_once:?}");
     assert!(over_time[0] == 0 && over_time[1] == 0 && over_time[2] == 300, "{over_time:?}");
 }
@@ -192,7 +204,7 @@ fn what_a_core_passes_by_stays_with_its_body() {
 fn positions_at_other_times_are_computed_only_if_materials_are_grouped() {
     let scene = scene();
     let at = scene.host_at(0.3);
-    let of = |space| CoarseOptions { space, ..CoarseOptions::default() }.other_times(&scene, &at);
+    let of = |space| other_times(&scene, &at, &of_space(space));
     let material = of(ColourSpace::Material);
     assert_eq!(material.means.iter().map(Vec::len).collect::<Vec<_>>(), [6; 5]);
     for space in [ColourSpace::Rgb, ColourSpace::Lab] {

@@ -1,5 +1,6 @@
 //! Which Gaussians are in contact with which of their nearest neighbours.
 
+use crate::config::types::segment::ContactsConfig;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::chunks::point;
@@ -7,11 +8,6 @@ use crate::points::components::largest_scales;
 use crate::points::neighbours::Grid;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-
-/// Neighbours searched for contacts.
-pub(super) const NEIGHBOURS: usize = 12;
-/// Contact distance of two Gaussians, as a multiple of the sum of their largest standard deviations.
-const REACH: f32 = 1.0;
 
 /// M Gaussians that are searched for neighbours.
 pub(super) struct Neighbourhood {
@@ -72,15 +68,15 @@ impl Contacts {
     ///
     /// # Panics
     /// If an index is not below N.
-    pub fn among(at: &HostGaussians, shown: &[u32]) -> Result<Self, PointsError> {
+    pub fn among(at: &HostGaussians, shown: &[u32], config: &ContactsConfig) -> Result<Self, PointsError> {
         let rows = |values: &[f32]| -> Vec<f32> { shown.iter().flat_map(|&i| point(values, i as usize)).collect() };
         let all = Neighbourhood::new(rows(&at.means), largest_scales(&rows(&at.log_scales))?)?;
-        let of = |n: usize| all.within(n, NEIGHBOURS, REACH).collect();
+        let of = |n: usize| all.within(n, config.neighbours, config.reach).collect();
         let of = (0..shown.len()).into_par_iter().map(of).collect();
         Ok(Self { all, of })
     }
 
-    /// Returns the rows, of [`NEIGHBOURS`] at most, in contact with row `n`, from near to far.
+    /// Returns the rows, of [`ContactsConfig::neighbours`] at most, in contact with row `n`, from near to far.
     pub fn of(&self, n: usize) -> &[usize] {
         &self.of[n]
     }

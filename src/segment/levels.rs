@@ -13,28 +13,10 @@
 //! is a level. Plateaus are sought at several mask scales, so neither the scale nor the cosine is a number tuned to one
 //! scene. (Levels of a component tree are chosen in the same way in images: maximally stable extremal regions.)
 
-use super::candidates::{Candidates, SMALL, total};
+use super::candidates::{Candidates, total};
 use super::pick::PickError;
+use crate::config::types::segment::LevelsConfig;
 use serde::Serialize;
-
-/// Mask scales at which plateaus are sought.
-const SCALES: [f32; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
-/// Lowest cosine; training keeps those between different masks below 0.5.
-const LOWEST: f32 = 0.45;
-/// Step between cosines.
-const STEP: f32 = 0.025;
-/// Number of cosines, from [`LOWEST`] on.
-const COSINES: usize = 22;
-/// Steps to either side over which growth is measured.
-const REACH: usize = 1;
-/// Minimum stability of a level: the fraction of its weight that remains over these steps.
-const STABLE: f64 = 0.5;
-/// Minimum intersection over union of two selections that are one level.
-const ALIKE: f64 = 0.85;
-/// Preference for larger levels over more stable ones: the exponent of a level's share of the weight.
-const SIZE_EXPONENT: f64 = 0.1;
-/// Preference for levels that omit something over those that take everything: the exponent of the rest of the weight.
-const REST_EXPONENT: f64 = 0.3;
 
 /// Maximum number of pieces whose parts are found before a click, see [`prepare`].
 const PIECES: usize = 8;
@@ -106,7 +88,9 @@ pub fn levels(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), 
     let wholes = wholes(of, clicked)?;
     let likeliest = match spatial.first() {
         Some(level) => {
-            found.retain(|l| spatial.iter().chain(&wholes).all(|s| overlap(&l.members, &s.members) < ALIKE));
+            found.retain(|l| {
+                spatial.iter().chain(&wholes).all(|s| overlap(&l.members, &s.members) < of.config.levels.alike)
+            });
             level.kind
         }
         None => Kind::Similar,
@@ -149,12 +133,16 @@ pub fn likeliest(of: &Candidates<'_>, clicked: u32) -> Result<Level, PickError> 
 /// If an index of a candidate is not below N.
 pub fn prepare(of: &Candidates<'_>) -> Result<(), PickError> {
     of.shown();
-    SCALES.into_iter().for_each(|scale| drop(of.features(scale)));
+    let config = &of.config.levels;
+    if config.plateaus {
+        config.scales.iter().for_each(|&scale| drop(of.features(scale)));
+    }
     if of.whole {
         return Ok(());
     }
     let pieces = of.pieces()?;
-    let large = pieces.counts.iter().take(PIECES).take_while(|&&count| count as usize * SMALL >= of.within.len());
+    let large =
+        pieces.counts.iter().take(PIECES).take_while(|&&count| count as usize * config.one_in >= of.within.len());
     for (piece, _) in (1..).zip(large) {
         let members = of.within.iter().zip(&pieces.labels).filter(|(_, label)| **label == piece).map(|(&i, _)| i);
         of.parts(piece, &members.collect::<Vec<_>>())?;
@@ -162,24 +150,33 @@ pub fn prepare(of: &Candidates<'_>) -> Result<(), PickError> {
     Ok(())
 }
 
-/// Returns the plateaus of the affinity, from small to large, at least one, and the position of the likeliest.
+/// Returns the plateaus of the affinity, from small to large, at least one, and the position of the likeliest. Without
+/// plateaus, it is the selection at one scale and cosine.
 fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), PickError> {
     let (within, position) = (of.within, of.position(clicked)?);
     let shown = of.shown();
     let weights: Vec<f64> = within.iter().map(|&i| shown[i as usize]).collect();
     let total = total(&weights);
+    let config = &of.config.levels;
+    if !config.plateaus {
+        let (scale, threshold) = (config.scale, config.cosine);
+        let like = of.alike(position, scale, threshold);
+        let members: Vec<u32> = within.iter().zip(like).filter(|(_, like)| *like).map(|(&i, _)| i).collect();
+        let share = of.share(members.iter().map(|&i| shown[i as usize]).sum());
+        return Ok((vec![Level { kind: Kind::Similar, scale, threshold, stability: 1.0, share, members }], 0));
+    }
     let mut found: Vec<Level> = Vec::new();
-    for scale in SCALES {
+    for &scale in &config.scales {
         let cosines = of.cosines(position, scale);
-        let sizes = sizes(&cosines, &weights, weights[position]);
-        for (k, stability) in plateaus(&sizes) {
-            let threshold = cosine(k);
+        let sizes = sizes(&cosines, &weights, weights[position], config);
+        for (k, stability) in plateaus(&sizes, config) {
+            let threshold = cosine(k, config);
             let like = |(n, _): &(usize, &u32)| cosines[*n] >= threshold || *n == position;
             let members: Vec<u32> = within.iter().enumerate().filter(like).map(|(_, &i)| i).collect();
             // of the candidates, by which the likeliest is found
             let share = (sizes[k] / total).min(1.0);
             let level = Level { kind: Kind::Similar, scale, threshold, stability, share, members };
-            match found.iter_mut().find(|l| overlap(&l.members, &level.members) >= ALIKE) {
+            match found.iter_mut().find(|l| overlap(&l.members, &level.members) >= config.alike) {
                 Some(same) if same.stability < level.stability => *same = level,
                 Some(_) => {}
                 None => found.push(level),
@@ -187,7 +184,7 @@ fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize),
         }
     }
     found.sort_by(|a, b| a.members.len().cmp(&b.members.len()).then(a.scale.total_cmp(&b.scale)));
-    let best = most_likely(&found);
+    let best = most_likely(&found, config);
     found.iter_mut().for_each(|level| level.share = of.share(level.share * total));
     Ok((found, best))
 }
@@ -207,10 +204,10 @@ fn wholes(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
 }
 
 /// Returns the spatial levels at a click: the clicked part of the piece if it has several, then the piece; none in a
-/// whole scene, or if the clicked Gaussian is in no piece.
+/// whole scene, if pieces are no levels, or if the clicked Gaussian is in no piece.
 fn in_space(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
     let position = of.position(clicked)?;
-    if of.whole {
+    if of.whole || !of.config.levels.pieces {
         return Ok(Vec::new());
     }
     let labels = &of.pieces()?.labels;
@@ -226,21 +223,23 @@ fn in_space(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> 
     Ok(part.into_iter().chain([level_of(of, Kind::Piece, piece)]).collect())
 }
 
-fn cosine(k: usize) -> f32 {
-    LOWEST + STEP * k as f32
+fn cosine(k: usize, config: &LevelsConfig) -> f32 {
+    config.lowest + config.step * k as f32
 }
 
-/// Returns the weight of the Gaussians with at least each of the cosines, `[COSINES]`, falling; never below the weight
+/// Returns the weight of the Gaussians with at least each of the cosines, falling; never below the weight
 /// of the clicked one.
-fn sizes(cosines: &[f32], weights: &[f64], clicked: f64) -> Vec<f64> {
-    let mut bins = [0.0; COSINES];
+fn sizes(cosines: &[f32], weights: &[f64], clicked: f64, config: &LevelsConfig) -> Vec<f64> {
+    // so that growth can be measured at one of them at least
+    let count = config.cosines.max(2 * config.reach + 1);
+    let mut bins = vec![0.0; count];
     for (&cosine, &weight) in cosines.iter().zip(weights) {
-        let bin = ((cosine - LOWEST) / STEP).floor();
+        let bin = ((cosine - config.lowest) / config.step).floor();
         if bin >= 0.0 {
-            bins[(bin as usize).min(COSINES - 1)] += weight;
+            bins[(bin as usize).min(count - 1)] += weight;
         }
     }
-    for k in (0..COSINES - 1).rev() {
+    for k in (0..count - 1).rev() {
         bins[k] += bins[k + 1];
     }
     bins.iter().map(|size| size.max(clicked).max(f64::MIN_POSITIVE)).collect()
@@ -248,12 +247,13 @@ fn sizes(cosines: &[f32], weights: &[f64], clicked: f64) -> Vec<f64> {
 
 /// Finds where the selection grows least: positions of the maxima of stability, with their stability; the best one if
 /// none is stable.
-fn plateaus(sizes: &[f64]) -> Vec<(usize, f64)> {
-    let stability = |k: usize| sizes[k + REACH] / sizes[k - REACH];
-    let all: Vec<(usize, f64)> = (REACH..sizes.len() - REACH).map(|k| (k, stability(k))).collect();
+fn plateaus(sizes: &[f64], config: &LevelsConfig) -> Vec<(usize, f64)> {
+    let reach = config.reach;
+    let stability = |k: usize| sizes[k + reach] / sizes[k - reach];
+    let all: Vec<(usize, f64)> = (reach..sizes.len() - reach).map(|k| (k, stability(k))).collect();
     let highest = |n: &usize| {
         let near = |m: Option<&(usize, f64)>| m.is_none_or(|m| m.1 <= all[*n].1);
-        all[*n].1 >= STABLE && near(n.checked_sub(1).and_then(|m| all.get(m))) && near(all.get(n + 1))
+        all[*n].1 >= config.stable && near(n.checked_sub(1).and_then(|m| all.get(m))) && near(all.get(n + 1))
     };
     let found: Vec<(usize, f64)> = (0..all.len()).filter(highest).map(|n| all[n]).collect();
     if !found.is_empty() {
@@ -271,8 +271,9 @@ fn overlap(a: &[u32], b: &[u32]) -> f64 {
 
 /// Returns the position of the most stable level, with a slight preference for larger ones and against taking
 /// everything.
-fn most_likely(levels: &[Level]) -> usize {
-    let score = |l: &Level| l.stability * l.share.powf(SIZE_EXPONENT) * (1.0 - l.share).max(1e-6).powf(REST_EXPONENT);
+fn most_likely(levels: &[Level], config: &LevelsConfig) -> usize {
+    let (size, rest) = (config.size_exponent, config.rest_exponent);
+    let score = |l: &Level| l.stability * l.share.powf(size) * (1.0 - l.share).max(1e-6).powf(rest);
     let mut best = 0;
     for (n, level) in levels.iter().enumerate() {
         if score(level) > score(&levels[best]) {

@@ -1,11 +1,13 @@
 //! Levels at clicks on balls and on beads that touch.
 
 use super::*;
+use crate::config::types::SegmentConfig;
+use crate::config::types::segment::{AffinityConfig, PiecesConfig};
 use crate::device::DeviceName;
 use crate::segment::balls::{APART, COUNT, surfaces};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::network::Frame;
-use crate::segment::fine::train::{FineOptions, train};
+use crate::segment::fine::train::train;
 use crate::segment::pick::{Meaning, PickOptions, pick};
 
 #[test]
@@ -13,10 +15,12 @@ fn a_click_on_a_ball_selects_it_and_pick_uses_the_same_levels() {
     let device = DeviceName::all()[0].open().unwrap();
     let at = APART.gaussians();
     // the features of the balls separate only after the first few hundred steps
-    let options = FineOptions { steps: 2000, pixels: 64, ..FineOptions::default() };
-    let field = train(&APART.prepared(&at), &options, &device, |_, _| true).unwrap();
+    let options = AffinityConfig { steps: 2000, pixels: 64, ..AffinityConfig::default() };
+    let field = train(&APART.prepared(&at), &options, 0, &device, |_, _| true).unwrap();
+    let strays = PiecesConfig { strays: false, ..PiecesConfig::default() };
+    let config = SegmentConfig { pieces: strays, ..SegmentConfig::default() };
     let frame = Frame::around(&at.means);
-    let of = |within| Candidates::new(&field, &frame, &at.means, &at, within);
+    let of = |within| Candidates::new(&field, &frame, &at.means, &at, within, &config);
     let all: Vec<u32> = (0..at.len() as u32).collect();
     let balls = [&all[..COUNT], &all[COUNT..]];
     for clicked in [3, 31, COUNT as u32 + 7] {
@@ -26,7 +30,7 @@ fn a_click_on_a_ball_selects_it_and_pick_uses_the_same_levels() {
         assert!(found.iter().all(|l| l.members.binary_search(&clicked).is_ok()));
         assert!(found.is_sorted_by_key(|l| l.members.len()));
         let Level { scale, threshold, .. } = found[likeliest];
-        let take = |meaning, list| pick(&of(&all), clicked, &PickOptions { meaning, keep_strays: true, list }).unwrap();
+        let take = |meaning, list| pick(&of(&all), clicked, &PickOptions { meaning, list }).unwrap();
         let by_hand = Meaning::By { scale, threshold };
         assert_eq!(take(by_hand, false).members, found[likeliest].members);
         assert_eq!(take(by_hand, true).levels, found);
@@ -48,7 +52,7 @@ fn a_click_on_a_ball_selects_it_and_pick_uses_the_same_levels() {
         "{:?}",
         found[likeliest]
     );
-    let options = PickOptions { meaning: Meaning::Likeliest, keep_strays: true, list: true };
+    let options = PickOptions { meaning: Meaning::Likeliest, list: true };
     let picked = pick(&of(most), 31, &options).unwrap();
     assert_eq!((picked.level, &picked.members), (Some(likeliest), &found[likeliest].members));
     let alone = pick(&of(most), 31, &PickOptions { list: false, ..options }).unwrap();
@@ -57,12 +61,12 @@ fn a_click_on_a_ball_selects_it_and_pick_uses_the_same_levels() {
 
 #[test]
 fn a_click_on_one_of_two_touching_beads_selects_it_and_a_higher_level_has_both() {
-    let device = DeviceName::all()[0].open().unwrap();
+    let (device, config) = (DeviceName::all()[0].open().unwrap(), SegmentConfig::default());
     // a third one far away, so that the beads are not the whole scene
     let (at, bead_of) = surfaces(&[(-0.9, 1.0), (0.9, 1.0), (9.0, 0.5)]);
     let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
     let within: Vec<u32> = (0..at.len() as u32).filter(|&i| bead_of[i as usize] < 2).collect();
-    let of = Candidates::new(&field, &frame, &at.means, &at, &within);
+    let of = Candidates::new(&field, &frame, &at.means, &at, &within, &config);
     for bead in 0..2 {
         let own: Vec<u32> = within.iter().copied().filter(|&i| bead_of[i as usize] == bead).collect();
         let clicked = own[own.len() / 2];
@@ -78,11 +82,11 @@ fn a_click_on_one_of_two_touching_beads_selects_it_and_a_higher_level_has_both()
 
 #[test]
 fn a_segment_of_all_gaussians_has_pieces_and_the_whole_scene_has_none() {
-    let device = DeviceName::all()[0].open().unwrap();
+    let (device, config) = (DeviceName::all()[0].open().unwrap(), SegmentConfig::default());
     let at = APART.gaussians();
     let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
     let all: Vec<u32> = (0..at.len() as u32).collect();
-    let of = |segment| Candidates::new(&field, &frame, &at.means, &at, &all).of_segment(segment);
+    let of = |segment| Candidates::new(&field, &frame, &at.means, &at, &all, &config).of_segment(segment);
     let (found, n) = levels(&of(true), 31).unwrap();
     assert!(found[n].kind == Kind::Piece && likeliest(&of(true), 31).unwrap() == found[n]);
     assert!(
@@ -94,7 +98,7 @@ fn a_segment_of_all_gaussians_has_pieces_and_the_whole_scene_has_none() {
 
 #[test]
 fn the_whole_segment_and_all_that_is_connected_are_levels_too() {
-    let device = DeviceName::all()[0].open().unwrap();
+    let (device, config) = (DeviceName::all()[0].open().unwrap(), SegmentConfig::default());
     // two balls that touch, of two colours, and a third, of the first colour, far away
     let (at, ball_of) = surfaces(&[(-0.97, 1.0), (0.97, 1.0), (9.0, 0.5)]);
     let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
@@ -102,7 +106,7 @@ fn the_whole_segment_and_all_that_is_connected_are_levels_too() {
         (0..at.len() as u32).filter(|&i| wanted.contains(&ball_of[i as usize])).collect()
     };
     let within = balls(&[0, 2]);
-    let of = Candidates::new(&field, &frame, &at.means, &at, &within);
+    let of = Candidates::new(&field, &frame, &at.means, &at, &within, &config);
     let clicked = balls(&[0])[7];
     let take = |meaning| pick(&of, clicked, &PickOptions { meaning, ..PickOptions::default() });
     for (kind, expected) in [(Kind::Piece, vec![0]), (Kind::Segment, vec![0, 2]), (Kind::Object, vec![0, 1])] {
@@ -122,26 +126,27 @@ fn the_whole_segment_and_all_that_is_connected_are_levels_too() {
 
 #[test]
 fn a_plateau_is_found_between_two_slopes() {
+    let config = &LevelsConfig::default();
     // 100 Gaussians with cosines of 0.45 to 0.55, and the 50 of the object itself at 0.92
     let cosines: Vec<f32> = (0..100).map(|n| 0.45 + 0.001 * n as f32).chain((0..50).map(|_| 0.92)).collect();
-    let sizes = sizes(&cosines, &[1.0; 150], 1.0);
-    assert_eq!((sizes[0], sizes[10], sizes[COSINES - 1]), (150.0, 50.0, 1.0));
-    let found = plateaus(&sizes);
+    let sizes = sizes(&cosines, &[1.0; 150], 1.0, config);
+    assert_eq!((sizes[0], sizes[10], sizes[21]), (150.0, 50.0, 1.0));
+    let found = plateaus(&sizes, config);
     assert!(found.iter().any(|(k, s)| *s == 1.0 && sizes[*k] == 50.0), "{found:?}");
-    let steep: Vec<f64> = (0..COSINES).map(|k| 0.1f64.powi(k as i32)).collect();
-    assert_eq!(plateaus(&steep).len(), 1, "only the best where none is stable");
+    let steep: Vec<f64> = (0..22).map(|k| 0.1f64.powi(k as i32)).collect();
+    assert_eq!(plateaus(&steep, config).len(), 1, "only the best where none is stable");
 }
 
 #[test]
 fn non_finite_gaussians_weigh_nothing_and_match_nothing() {
     let mut at = APART.gaussians();
     (at.log_scales[0], at.opacity_logits[1]) = (f32::NAN, f32::INFINITY);
-    assert_eq!(sizes(&[f32::NAN, 2.0], &[5.0, 1.0], 0.5)[0], 1.0);
-    let device = DeviceName::all()[0].open().unwrap();
+    let (device, config) = (DeviceName::all()[0].open().unwrap(), SegmentConfig::default());
+    assert_eq!(sizes(&[f32::NAN, 2.0], &[5.0, 1.0], 0.5, &config.levels)[0], 1.0);
     let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
     at.means[30] = f32::NAN;
     let all: Vec<u32> = (0..at.len() as u32).collect();
-    let of = Candidates::new(&field, &frame, &at.means, &at, &all);
+    let of = Candidates::new(&field, &frame, &at.means, &at, &all, &config);
     let (found, likeliest) = levels(&of, 10).unwrap();
     assert!(found[likeliest].members.contains(&10));
 }

@@ -7,28 +7,13 @@
 //! brightness.
 
 use super::colour::{check, fibonacci_sphere};
+use crate::config::types::segment::MaterialConfig;
 use crate::model::sh;
 use crate::points::chunks::map_chunks;
 use crate::points::error::PointsError;
 
 /// Number of directions in which the colour of a Gaussian is sampled.
 const DIRECTIONS: usize = 48;
-/// Number of passes that lower the weight of directions that do not fit the material.
-const PASSES: usize = 2;
-/// Excess beyond `[0, 1]` at which the weight of a direction is halved: the harmonics leave that range where no view
-/// constrains them.
-const BEYOND: f32 = 0.1;
-/// Distance of a colour from the dichromatic plane at which the weight of its direction is halved.
-const OFF_PLANE: f32 = 0.15;
-/// Brightness at which the certainty of a colour is one half; the noise of trained harmonics is of this size.
-const DIM: f32 = 0.1;
-/// Lower bound on the brightness that chroma is divided by.
-const DARK: f32 = 0.05;
-/// Quantile, in tenths, of the brightness that stands for full light, over the directions of weight at least 0.5;
-/// brighter directions show highlights.
-const FULL: usize = 9;
-/// Chroma beyond which a step of chroma counts less than one of hue, see [`to_plane`].
-const KNEE: f32 = 0.12;
 
 /// The material colours of N Gaussians.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,13 +33,13 @@ pub struct Materials {
 /// # Errors
 /// `coefficients` not 1, 4, 9 or 16, nor 6 or 15 as of even bands, or `sh` not a whole number of `[coefficients, 3]`
 /// blocks.
-pub fn materials(sh: &[f32], coefficients: usize) -> Result<Materials, PointsError> {
+pub fn materials(sh: &[f32], coefficients: usize, config: &MaterialConfig) -> Result<Materials, PointsError> {
     let count = check(sh, coefficients)?;
     let each: Vec<[f32; 16]> =
         fibonacci_sphere(DIRECTIONS).into_iter().map(|d| sh::basis_of(coefficients, d)).collect();
     let bases: Vec<[f32; DIRECTIONS]> = (0..16).map(|k| std::array::from_fn(|d| each[d][k])).collect();
     let chunks = map_chunks(count, |range| {
-        range.map(|i| fit(&sh[3 * coefficients * i..3 * coefficients * (i + 1)], &bases)).collect::<Vec<_>>()
+        range.map(|i| fit(&sh[3 * coefficients * i..3 * coefficients * (i + 1)], &bases, config)).collect::<Vec<_>>()
     });
     let mut out = Materials { chroma: Vec::new(), full: Vec::new(), certainty: Vec::new() };
     for (chroma, full, certainty) in chunks.into_iter().flatten() {
@@ -66,7 +51,7 @@ pub fn materials(sh: &[f32], coefficients: usize) -> Result<Materials, PointsErr
 }
 
 /// Chroma, brightness under full light and certainty of one block `[coefficients, 3]`.
-fn fit(block: &[f32], bases: &[[f32; DIRECTIONS]]) -> ([f32; 2], f32, f32) {
+fn fit(block: &[f32], bases: &[[f32; DIRECTIONS]], config: &MaterialConfig) -> ([f32; 2], f32, f32) {
     let mut colours = [[0.5f32; DIRECTIONS]; 3];
     for (c, basis) in block.chunks_exact(3).zip(bases) {
         for (values, c) in colours.iter_mut().zip(c) {
@@ -83,7 +68,7 @@ fn fit(block: &[f32], bases: &[[f32; DIRECTIONS]]) -> ([f32; 2], f32, f32) {
         }
         // bounded, so that some weight remains where no direction is reliable
         let beyond = rgb.iter().map(|v| (-v).max(v - 1.0)).fold(0.0, f32::max).min(100.0);
-        believed[d] = 1.0 / (1.0 + (beyond / BEYOND).powi(2));
+        believed[d] = 1.0 / (1.0 + (beyond / config.beyond).powi(2));
         let rgb = rgb.map(|v| v.clamp(0.0, 1.0));
         (0..3).for_each(|c| colours[c][d] = rgb[c]);
         opponent[d] = to_opponent(rgb);
@@ -91,28 +76,28 @@ fn fit(block: &[f32], bases: &[[f32; DIRECTIONS]]) -> ([f32; 2], f32, f32) {
     }
     let mut weights = believed;
     let mut along = [0.0; 2];
-    for pass in 0..=PASSES {
+    for pass in 0..=config.passes {
         let total: f32 = weights.iter().sum();
         along = [0, 1].map(|a| weights.iter().zip(&opponent).map(|(w, p)| w * p[a]).sum::<f32>() / total);
         let length = along[0].hypot(along[1]);
-        if pass == PASSES || length < 1e-6 {
+        if pass == config.passes || length < 1e-6 {
             break;
         }
         for d in 0..DIRECTIONS {
             let off = (opponent[d][0] * along[1] - opponent[d][1] * along[0]) / length;
-            weights[d] = believed[d] / (1.0 + (off / OFF_PLANE).powi(2));
+            weights[d] = believed[d] / (1.0 + (off / config.off_plane).powi(2));
         }
     }
     let total: f32 = weights.iter().sum();
     let mean = |values: &[f32]| weights.iter().zip(values).map(|(w, v)| w * v).sum::<f32>() / total;
     let brightest = colours.iter().map(|c| mean(c)).fold(0.0, f32::max);
-    let full = bright_end(&mut bright, &weights);
-    let certainty = brightest * brightest / (brightest * brightest + DIM * DIM);
-    (along.map(|v| v / brightest.max(DARK)), full, certainty)
+    let full = bright_end(&mut bright, &weights, config.full_light);
+    let certainty = brightest * brightest / (brightest * brightest + config.dim * config.dim);
+    (along.map(|v| v / brightest.max(config.dark)), full, certainty)
 }
 
-/// The brightness that stands for full light; partially sorts `bright`.
-fn bright_end(bright: &mut [f32; DIRECTIONS], weights: &[f32; DIRECTIONS]) -> f32 {
+/// The brightness that stands for full light, a quantile; partially sorts `bright`.
+fn bright_end(bright: &mut [f32; DIRECTIONS], weights: &[f32; DIRECTIONS], full_light: f64) -> f32 {
     let mut count = 0;
     for d in 0..DIRECTIONS {
         if weights[d] >= 0.5 {
@@ -122,7 +107,8 @@ fn bright_end(bright: &mut [f32; DIRECTIONS], weights: &[f32; DIRECTIONS]) -> f3
     }
     // where no direction is reliable, all of them count
     let believed = if count > 0 { &mut bright[..count] } else { &mut bright[..] };
-    *believed.select_nth_unstable_by(believed.len() * FULL / 10, f32::total_cmp).1
+    let rank = ((believed.len() as f64 * full_light) as usize).min(believed.len() - 1);
+    *believed.select_nth_unstable_by(rank, f32::total_cmp).1
 }
 
 /// The two opponent colours: the projection onto the plane perpendicular to white.
@@ -141,19 +127,20 @@ pub fn to_rgb(chroma: [f32; 2], brightest: f32) -> [f32; 3] {
 }
 
 /// Maps chroma `[2]` to the plane in which distances between materials are measured: a step of hue counts more than one
-/// of chroma, since highlights, haze and translucent shells in front change chroma first. The angle is preserved.
+/// of chroma, since highlights, haze and translucent shells in front change chroma first; beyond the chroma `knee`, a
+/// step of chroma counts less. The angle is preserved.
 #[must_use]
-pub fn to_plane(chroma: [f32; 2]) -> [f32; 2] {
-    let root = (chroma[0].hypot(chroma[1]) + KNEE).sqrt();
+pub fn to_plane(chroma: [f32; 2], knee: f32) -> [f32; 2] {
+    let root = (chroma[0].hypot(chroma[1]) + knee).sqrt();
     chroma.map(|v| v / root)
 }
 
-/// Maps the result of [`to_plane`] back to chroma `[2]`.
+/// Maps the result of [`to_plane`] with the same `knee` back to chroma `[2]`.
 #[must_use]
-pub fn from_plane(plane: [f32; 2]) -> [f32; 2] {
+pub fn from_plane(plane: [f32; 2], knee: f32) -> [f32; 2] {
     let square = plane[0] * plane[0] + plane[1] * plane[1];
-    let length = 0.5 * (square + (square * (square + 4.0 * KNEE)).sqrt());
-    plane.map(|v| v * (length + KNEE).sqrt())
+    let length = 0.5 * (square + (square * (square + 4.0 * knee)).sqrt());
+    plane.map(|v| v * (length + knee).sqrt())
 }
 
 #[cfg(test)]
@@ -161,6 +148,19 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use volseggs_kernels::sh::C2;
+
+    const KNEE: f32 = 0.12;
+
+    fn found(sh: &[f32], coefficients: usize) -> Result<Materials, PointsError> {
+        materials(sh, coefficients, &MaterialConfig::default())
+    }
+
+    #[test]
+    fn full_light_is_nine_tenths_of_the_directions() {
+        for count in 1..=DIRECTIONS {
+            assert_eq!((count as f64 * MaterialConfig::default().full_light) as usize, count * 9 / 10, "{count}");
+        }
+    }
 
     /// Degree-2 harmonics of `base (ambient + diffuse n.d^2) + shine n.d^2`, which like the light is even in the
     /// direction.
@@ -182,14 +182,14 @@ mod tests {
     #[test]
     fn shading_changes_neither_hue_nor_chroma_and_highlights_no_hue() {
         let base = [0.2, 0.5, 0.7];
-        let plain = materials(&shaded(base, 1.0, 0.0, 0.0), 9).unwrap();
+        let plain = found(&shaded(base, 1.0, 0.0, 0.0), 9).unwrap();
         for (ambient, diffuse) in [(0.1, 0.9), (0.3, 0.2), (0.6, 0.3), (0.15, 0.0)] {
-            let lit = materials(&shaded(base, ambient, diffuse, 0.0), 9).unwrap();
+            let lit = found(&shaded(base, ambient, diffuse, 0.0), 9).unwrap();
             assert!((0..2).all(|a| (lit.chroma[a] - plain.chroma[a]).abs() < 1e-3), "{lit:?} {plain:?}");
-            let shiny = materials(&shaded(base, ambient, diffuse, 0.2), 9).unwrap();
+            let shiny = found(&shaded(base, ambient, diffuse, 0.2), 9).unwrap();
             assert!((hue(&shiny) - hue(&plain)).abs() < 1e-3);
         }
-        let dark = materials(&shaded(base, 0.02, 0.02, 0.0), 9).unwrap();
+        let dark = found(&shaded(base, 0.02, 0.02, 0.0), 9).unwrap();
         assert!(dark.certainty[0] < 0.1 && plain.certainty[0] > 0.9, "{dark:?}");
         assert!((plain.full[0] - 0.7).abs() < 1e-3);
     }
@@ -198,7 +198,7 @@ mod tests {
     fn even_bands_have_the_material_of_all_bands() {
         let all = shaded([0.2, 0.5, 0.7], 0.3, 0.5, 0.1);
         let even: Vec<f32> = [&all[..3], &all[12..]].concat();
-        assert_eq!(materials(&even, 6).unwrap(), materials(&all, 9).unwrap());
+        assert_eq!(found(&even, 6).unwrap(), found(&all, 9).unwrap());
     }
 
     #[test]
@@ -215,31 +215,31 @@ mod tests {
             p[1].atan2(p[0])
         };
         let turn = |a: f32, b: f32| (a - b).sin().abs();
-        let fitted = turn(hue(&materials(&plain, 9).unwrap()), hue(&materials(&wild, 9).unwrap()));
+        let fitted = turn(hue(&found(&plain, 9).unwrap()), hue(&found(&wild, 9).unwrap()));
         let mean = turn(of_mean(&plain), of_mean(&wild));
         assert!(fitted < 0.5 * mean, "{fitted} {mean}");
     }
 
     #[test]
     fn poison_has_no_certainty_and_wrong_shapes_are_errors() {
-        let m = materials(&[f32::NAN, 0.0, 0.0, 0.0, f32::INFINITY, 0.0, 1e38, -1e38, 1e38], 1).unwrap();
+        let m = found(&[f32::NAN, 0.0, 0.0, 0.0, f32::INFINITY, 0.0, 1e38, -1e38, 1e38], 1).unwrap();
         assert_eq!(&m.certainty[..2], [0.0; 2]);
         assert!(m.chroma.iter().chain(&m.full).chain(&m.certainty).all(|v| v.is_finite()), "{m:?}");
-        let huge = materials(&[f32::MAX; 48], 16).unwrap();
+        let huge = found(&[f32::MAX; 48], 16).unwrap();
         assert!(huge.chroma.iter().chain(&huge.full).all(|v| v.is_finite()));
-        assert!(materials(&[0.0; 5], 1).is_err() && materials(&[0.0; 6], 2).is_err());
-        assert!(materials(&[], 16).unwrap().full.is_empty());
+        assert!(found(&[0.0; 5], 1).is_err() && found(&[0.0; 6], 2).is_err());
+        assert!(found(&[], 16).unwrap().full.is_empty());
     }
 
     proptest! {
         #[test]
         fn a_plain_colour_comes_back(r in 0.1f32..1.0, g in 0.1f32..1.0, b in 0.1f32..1.0) {
-            let m = materials(&[r, g, b].map(|v| (v - 0.5) / sh::C0), 1).unwrap();
+            let m = found(&[r, g, b].map(|v| (v - 0.5) / sh::C0), 1).unwrap();
             let back = to_rgb([m.chroma[0], m.chroma[1]], m.full[0]);
             prop_assert!((0..3).all(|c| (back[c] - [r, g, b][c]).abs() < 1e-4), "{back:?}");
-            let plane = to_plane([m.chroma[0], m.chroma[1]]);
+            let plane = to_plane([m.chroma[0], m.chroma[1]], KNEE);
             prop_assert!((plane[0] * m.chroma[1] - plane[1] * m.chroma[0]).abs() < 1e-5);
-            let back = from_plane(plane);
+            let back = from_plane(plane, KNEE);
             prop_assert!((0..2).all(|a| (back[a] - m.chroma[a]).abs() < 1e-5));
         }
     }

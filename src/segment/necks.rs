@@ -11,6 +11,7 @@
 use super::depth::depths;
 use super::place::density::solid;
 use super::place::{Cloud, PlaceError};
+use crate::config::types::segment::NecksConfig;
 use crate::model::HostGaussians;
 use crate::points::flood::{Mode, flood};
 use crate::points::neighbours::Grid as Neighbours;
@@ -18,38 +19,25 @@ use crate::volume::grid::Grid;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 
-/// Cells along the longest side of the body, without its border.
-const CELLS: usize = 80;
 /// Cells of border around it.
 const BORDER: usize = 4;
-/// Sum of opacities above which a cell is solid; see the results of 2026-11-23 in `benches/results`.
-const SOLID: f32 = 0.1;
-/// Ratio of the radius of a neck to that of the thinner of two parts below which they are separate; see the results of
-/// 2026-11-23 in `benches/results`.
-const NECK: f32 = 0.7;
-/// Minimum depth of a part in cells: the shapes of thinner ones are those of the cells.
-const MIN_DEPTH: f32 = 3.0;
-/// Minimum fraction of a part that the ball with its maximum depth as radius fills. Balls fill themselves, plumes 0.2
-/// to 0.5, tubes and rings 0.1.
-const MIN_ROUNDNESS: f64 = 0.6;
-/// Minimum depth of a part relative to the deepest one; a shallower peak is a bump on a part.
-const MIN_RELATIVE_DEPTH: f32 = 0.25;
 
 /// Returns the part of each Gaussian of `body`, a single connected piece, `[M]` from 1; all 1 where there is no neck or
 /// a part is not round. Gaussians in no part of their own, on the surface layer or on bumps, join the nearest one.
 ///
 /// # Errors
 /// If the arrays of `body` disagree.
-pub fn parts(body: &HostGaussians) -> Result<Vec<u32>, PlaceError> {
+pub fn parts(body: &HostGaussians, config: &NecksConfig) -> Result<Vec<u32>, PlaceError> {
     let one = vec![1; body.len()];
-    let Some(grid) = grid(body) else { return Ok(one) };
+    let grid = if config.separate { grid(body, config.cells) } else { None };
+    let Some(grid) = grid else { return Ok(one) };
     let [x, y, _] = grid.dims;
     let opacity = body.opacity();
     let inside = |c: usize| {
         let place = [c % x, c / x % y, c / (x * y)];
         place.iter().zip(grid.dims).all(|(p, d)| *p > 0 && p + 1 < d)
     };
-    let mut solid = solid(&Cloud::new(body, &opacity, &one), &grid, SOLID)?;
+    let mut solid = solid(&Cloud::new(body, &opacity, &one), &grid, config.solid)?;
     solid.iter_mut().enumerate().for_each(|(c, solid)| *solid &= inside(c));
     let depth = depths(&solid, grid.dims);
     let mut order: Vec<usize> = (0..depth.len()).filter(|&c| depth[c] > 0.0).collect();
@@ -60,10 +48,10 @@ pub fn parts(body: &HostGaussians) -> Result<Vec<u32>, PlaceError> {
             near.extend([k - x, k, k + x].into_iter().flat_map(|j| j - 1..=j + 1));
         }
     };
-    let large = |low: f32, top: f32| low >= MIN_DEPTH && low >= MIN_RELATIVE_DEPTH * top;
+    let large = |low: f32, top: f32| low >= config.min_depth && low >= config.min_relative_depth * top;
     let parted = |low: &Mode, top: &Mode, c: usize| {
         let (low, top) = (depth[low.summit], depth[top.summit]);
-        large(low, top) && depth[c] < NECK * low
+        large(low, top) && depth[c] < config.neck * low
     };
     let (of_cell, modes) = flood(&order, depth.len(), |_| 1.0, around, parted);
     let of_cell = upwards(&order, of_cell, around);
@@ -73,7 +61,7 @@ pub fn parts(body: &HostGaussians) -> Result<Vec<u32>, PlaceError> {
     of_cell.iter().filter(|h| **h != usize::MAX).for_each(|h| cells[*h] += 1);
     let round = |n: usize| {
         let ball = 4.0 / 3.0 * PI * f64::from(depth[modes[n].summit]).powi(3);
-        ball >= MIN_ROUNDNESS * cells[n] as f64
+        ball >= config.min_roundness * cells[n] as f64
     };
     let of_parts: Vec<usize> = (0..modes.len()).filter(|&n| kept[n]).collect();
     if of_parts.len() < 2 || !of_parts.into_iter().all(round) {
@@ -119,8 +107,8 @@ fn joined(body: &HostGaussians, own: &[u32]) -> Vec<u32> {
     (0..own.len()).into_par_iter().map(|i| if own[i] > 0 { own[i] } else { nearest(i) }).collect()
 }
 
-/// Cubic cells around the body; `None` if it has no finite position or no size.
-fn grid(body: &HostGaussians) -> Option<Grid> {
+/// Cubic cells around the body, `cells` along its longest side; `None` if it has no finite position or no size.
+fn grid(body: &HostGaussians, cells: usize) -> Option<Grid> {
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     for place in body.means.chunks_exact(3).filter(|p| p.iter().all(|v| v.is_finite())) {
         for a in 0..3 {
@@ -129,7 +117,7 @@ fn grid(body: &HostGaussians) -> Option<Grid> {
         }
     }
     let side = (0..3).map(|a| high[a] - low[a]).fold(f64::NEG_INFINITY, f64::max);
-    let cell = side / CELLS as f64;
+    let cell = side / cells as f64;
     (cell.is_finite() && cell > 0.0).then(|| {
         let dims = std::array::from_fn(|a| ((high[a] - low[a]) / cell).ceil() as usize + 1 + 2 * BORDER);
         Grid::aligned(dims, [cell; 3], low.map(|v| v - BORDER as f64 * cell))
@@ -149,7 +137,7 @@ mod tests {
             vec![(-3.6, 1.0), (-1.8, 1.0), (0.0, 1.0), (1.8, 1.0)],
         ] {
             let (body, of) = surfaces(&balls);
-            let found = parts(&body).unwrap();
+            let found = parts(&body, &NecksConfig::default()).unwrap();
             let mut wrong = 0;
             for (ball, _) in balls.iter().enumerate() {
                 let labels: Vec<u32> = found.iter().zip(&of).filter(|(_, b)| **b == ball).map(|(l, _)| *l).collect();
@@ -166,7 +154,7 @@ mod tests {
         for balls in [vec![(0.0, 1.0)], vec![(-0.4, 1.0), (0.4, 1.0)], (0..20).map(|i| (0.1 * i as f32, 0.5)).collect()]
         {
             let (body, _) = surfaces(&balls);
-            assert_eq!(parts(&body).unwrap(), vec![1; body.len()], "{balls:?}");
+            assert_eq!(parts(&body, &NecksConfig::default()).unwrap(), vec![1; body.len()], "{balls:?}");
         }
     }
 
@@ -182,7 +170,7 @@ mod tests {
                 add(&mut ring, [out * along.cos(), out * along.sin(), radius * around.sin()], [-3.2; 3]);
             }
         }
-        assert_eq!(parts(&ring).unwrap(), vec![1; ring.len()]);
+        assert_eq!(parts(&ring, &NecksConfig::default()).unwrap(), vec![1; ring.len()]);
     }
 
     #[test]
@@ -190,9 +178,9 @@ mod tests {
         let (mut body, _) = surfaces(&[(-0.9, 1.0), (0.9, 1.0)]);
         body.means[0] = f32::NAN;
         body.log_scales[6] = f32::INFINITY;
-        assert!(parts(&body).unwrap().iter().all(|l| *l > 0));
+        assert!(parts(&body, &NecksConfig::default()).unwrap().iter().all(|l| *l > 0));
         let point = body.subset(&[7]);
-        assert_eq!(parts(&point).unwrap(), [1]);
-        assert_eq!(parts(&body.subset(&[])).unwrap(), [0u32; 0]);
+        assert_eq!(parts(&point, &NecksConfig::default()).unwrap(), [1]);
+        assert_eq!(parts(&body.subset(&[]), &NecksConfig::default()).unwrap(), [0u32; 0]);
     }
 }

@@ -6,16 +6,12 @@
 //! one's segment.
 
 use super::contacts::Contacts;
+use crate::config::types::SegmentConfig;
+use crate::config::types::segment::NestedConfig;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::union_find::UnionFind;
 use std::collections::BTreeMap;
-
-/// Minimum fraction of a part, by opacity, in contact with another of its object. In five plumes that touch, each of a
-/// core, a body and a shell, the lowest is 0.095, of a shell.
-const CONTACT: f64 = 0.05;
-/// How many times as much of it as is in contact with any other part of that segment, minimum; there, 3.5.
-const AHEAD: f64 = 2.0;
 
 /// Returns the object of each Gaussian, `[N]`: those with the same number, from 1, are one object; 0 where `part` is 0.
 /// `part` `[N]` holds the part of each Gaussian of `at`, 0 for none; parts of different segments have different numbers.
@@ -26,9 +22,14 @@ const AHEAD: f64 = 2.0;
 ///
 /// # Panics
 /// If `part` or `segment` has less than N numbers.
-pub fn objects(at: &HostGaussians, part: &[u32], segment: &[u32]) -> Result<Vec<u32>, PointsError> {
+pub fn objects(
+    at: &HostGaussians,
+    part: &[u32],
+    segment: &[u32],
+    config: &SegmentConfig,
+) -> Result<Vec<u32>, PointsError> {
     let shown: Vec<u32> = (0..at.len() as u32).filter(|&i| part[i as usize] > 0 && at.is_finite(i as usize)).collect();
-    let contacts = Contacts::among(at, &shown)?;
+    let contacts = Contacts::among(at, &shown, &config.contacts)?;
     let mut weights: BTreeMap<u32, f64> = BTreeMap::new();
     // by part, the other part's segment, and that part
     let mut touching: BTreeMap<(u32, u32, u32), f64> = BTreeMap::new();
@@ -43,7 +44,7 @@ pub fn objects(at: &HostGaussians, part: &[u32], segment: &[u32]) -> Result<Vec<
             *touching.entry((part[own], of, other)).or_default() += opacity;
         }
     }
-    let closest = closest(&weights, &touching);
+    let closest = closest(&weights, &touching, &config.nested);
     let sets = UnionFind::new(weights.keys().last().map_or(1, |last| *last as usize + 1));
     let segments: BTreeMap<u32, u32> = shown.iter().map(|&i| (part[i as usize], segment[i as usize])).collect();
     for (&(own, _), &other) in &closest {
@@ -57,7 +58,11 @@ pub fn objects(at: &HostGaussians, part: &[u32], segment: &[u32]) -> Result<Vec<
 
 /// Returns for a part and another segment the part of that segment which the former is in contact with far more than
 /// with the rest of it, if there is one.
-fn closest(weights: &BTreeMap<u32, f64>, touching: &BTreeMap<(u32, u32, u32), f64>) -> BTreeMap<(u32, u32), u32> {
+fn closest(
+    weights: &BTreeMap<u32, f64>,
+    touching: &BTreeMap<(u32, u32, u32), f64>,
+    config: &NestedConfig,
+) -> BTreeMap<(u32, u32), u32> {
     let mut by_segment: BTreeMap<(u32, u32), Vec<(f64, u32)>> = BTreeMap::new();
     for (&(own, of, other), &weight) in touching {
         by_segment.entry((own, of)).or_default().push((weight / weights[&own].max(f64::MIN_POSITIVE), other));
@@ -66,7 +71,7 @@ fn closest(weights: &BTreeMap<u32, f64>, touching: &BTreeMap<(u32, u32, u32), f6
         found.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         let (most, other) = *found.first()?;
         let next = found.get(1).map_or(0.0, |next| next.0);
-        (most >= CONTACT && most >= AHEAD * next).then_some(((own, of), other))
+        (most >= config.contact && most >= config.ahead * next).then_some(((own, of), other))
     };
     by_segment.into_iter().filter_map(first).collect()
 }
@@ -97,7 +102,7 @@ mod tests {
     #[test]
     fn a_core_and_its_shell_are_one_object_and_touching_neighbours_are_others() {
         let (at, part, segment) = plumes();
-        let found = objects(&at, &part, &segment).unwrap();
+        let found = objects(&at, &part, &segment, &SegmentConfig::default()).unwrap();
         let of = |wanted: u32| found[part.iter().position(|p| *p == wanted).unwrap()];
         assert!(part.iter().zip(&found).all(|(p, object)| *object == of(*p)));
         assert!(of(1) == of(3) && of(2) == of(4), "core and shell");
@@ -109,9 +114,9 @@ mod tests {
         let (mut at, mut part, segment) = plumes();
         at.means[30] = f32::NAN;
         part.iter_mut().filter(|p| **p == 5).for_each(|p| *p = 0);
-        let found = objects(&at, &part, &segment).unwrap();
+        let found = objects(&at, &part, &segment, &SegmentConfig::default()).unwrap();
         assert!(part.iter().zip(&found).all(|(part, object)| (*part == 0) == (*object == 0)));
         let none = HostGaussians { sh_stride: 1, ..HostGaussians::default() };
-        assert_eq!(objects(&none, &[], &[]).unwrap(), [0u32; 0]);
+        assert_eq!(objects(&none, &[], &[], &SegmentConfig::default()).unwrap(), [0u32; 0]);
     }
 }

@@ -4,12 +4,10 @@
 //! features at the largest mask scale. But the features of one large object drift, too, as its sides are never seen
 //! together. Two objects are separated where few Gaussians touch and the feature changes abruptly: patches of similar
 //! features are joined ([`regions`]) until both separate the remaining ones.
-//!
-//! Tuned on `jets`, `vortices` with two kinds of lighting, and five plumes rendered by VTK, whose shells touch: see the
-//! results of 2026-11-25 in `benches/results`.
 
 use super::contacts::Neighbourhood;
-use super::pieces::Touch;
+use crate::config::types::SegmentConfig;
+use crate::config::types::segment::ObjectsConfig;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::components::largest_scales;
@@ -20,43 +18,29 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use volseggs_kernels::contrast::FEATURES;
 
-/// The mask scale at which whole objects are distinguished.
-pub const SCALE: f32 = 1.0;
-/// Number of Gaussians whose features are grouped; the others join the most similar group.
-const SAMPLE: usize = 512;
-/// Minimum mean cosine between the features of two groups for them to be one.
-const ALIKE: f32 = 0.8;
-/// Number of nearest neighbours of a Gaussian that are considered.
-const NEIGHBOURS: usize = 16;
-/// Patches stay separate if the weight of the contacts between them is below this fraction of all contact weight at the
-/// smaller one. On the scenes used for tuning, patches of one object had 0.022 or more, and different objects 0.014 or
-/// less.
-const NARROW: f64 = 0.02;
-/// Minimum patch size, as a fraction of all Gaussians.
-const TINY: f64 = 0.005;
-
 /// Returns the object of each Gaussian of `body`, a single connected piece, `[M]` from 1, the largest first; all 1
-/// where the affinity finds only one. `features` are those of the affinity field at [`SCALE`], `[M, 16]`, of unit
-/// length.
+/// where the affinity finds only one. `features` are those of the affinity field at `segment.objects.scale`,
+/// `[M, 16]`, of unit length.
 ///
 /// # Errors
 /// If the arrays of `body` disagree.
 ///
 /// # Panics
 /// If `features` does not hold one feature per Gaussian.
-pub fn objects(body: &HostGaussians, features: &[f32]) -> Result<Vec<u32>, PointsError> {
+pub fn objects(body: &HostGaussians, features: &[f32], config: &SegmentConfig) -> Result<Vec<u32>, PointsError> {
     assert_eq!(features.len(), FEATURES * body.len(), "features: [M, 16]");
-    let groups = groups(features);
+    let (reach, config) = (config.pieces.reach, &config.objects);
+    let groups = if config.separate { groups(features, config) } else { Vec::new() };
     if groups.len() < 2 {
         return Ok(vec![1; body.len()]);
     }
     let group: Vec<u32> = features.par_chunks_exact(FEATURES).map(|row| most_like(row, &groups)).collect();
-    let touching = touching(body)?;
+    let touching = touching(body, config.neighbours, reach)?;
     let of = UnionFind::new(body.len());
     touching.iter().filter(|(a, b)| group[*a as usize] == group[*b as usize]).for_each(|&(a, b)| of.union(a, b));
     let patches: Vec<u32> = (0..body.len() as u32).map(|i| of.find(i)).collect();
-    let tiny = (TINY * body.len() as f64).ceil() as usize;
-    Ok(regions::join(&patches, &weighted(features, &touching), tiny, NARROW))
+    let tiny = (config.tiny * body.len() as f64).ceil() as usize;
+    Ok(regions::join(&patches, &weighted(features, &touching), tiny, config.narrow))
 }
 
 fn row(features: &[f32], i: usize) -> &[f32] {
@@ -77,12 +61,12 @@ fn distance(a: &[f32], b: &[f32]) -> f32 {
 }
 
 /// Mean directions `[G][16]` of the groups of similar features, by average linkage of a sample.
-fn groups(features: &[f32]) -> Vec<[f32; FEATURES]> {
+fn groups(features: &[f32], config: &ObjectsConfig) -> Vec<[f32; FEATURES]> {
     let count = features.len() / FEATURES;
-    let n = count.min(SAMPLE);
+    let n = count.min(config.sample);
     let sample: Vec<&[f32]> = (0..n).map(|k| row(features, k * count / n)).collect();
     let mut sums: BTreeMap<u32, [f32; FEATURES]> = BTreeMap::new();
-    for (feature, group) in sample.iter().zip(grouped(&sample)) {
+    for (feature, group) in sample.iter().zip(grouped(&sample, config.alike)) {
         sums.entry(group).or_insert([0.0; FEATURES]).iter_mut().zip(*feature).for_each(|(sum, v)| *sum += v);
     }
     let direction = |sum: [f32; FEATURES]| {
@@ -92,8 +76,8 @@ fn groups(features: &[f32]) -> Vec<[f32; FEATURES]> {
     sums.into_values().map(direction).collect()
 }
 
-/// A number for each feature, the same for those of one group.
-fn grouped(sample: &[&[f32]]) -> Vec<u32> {
+/// A number for each feature, the same for those of one group, whose mean cosine is at least `alike`.
+fn grouped(sample: &[&[f32]], alike: f32) -> Vec<u32> {
     let n = sample.len();
     let of = UnionFind::new(n);
     if n > 1 {
@@ -104,7 +88,7 @@ fn grouped(sample: &[&[f32]]) -> Vec<u32> {
         for step in linkage(&mut distances, n, Method::Average).steps() {
             let (a, b) = (any[step.cluster1], any[step.cluster2]);
             any.push(a);
-            if step.dissimilarity <= 1.0 - ALIKE {
+            if step.dissimilarity <= 1.0 - alike {
                 of.union(a, b);
             }
         }
@@ -123,11 +107,11 @@ fn most_like(feature: &[f32], groups: &[[f32; FEATURES]]) -> u32 {
     best.0
 }
 
-/// The pairs of touching Gaussians, among each one and its nearest neighbours.
-fn touching(body: &HostGaussians) -> Result<Vec<(u32, u32)>, PointsError> {
+/// The pairs of touching Gaussians, among each one and its `neighbours` nearest, as far as `reach`.
+fn touching(body: &HostGaussians, neighbours: usize, reach: f32) -> Result<Vec<(u32, u32)>, PointsError> {
     let all = Neighbourhood::new(body.means.clone(), largest_scales(&body.log_scales)?)?;
     let of = |i: usize| {
-        let touch = all.within(i, NEIGHBOURS, Touch::SEEN.reach);
+        let touch = all.within(i, neighbours, reach);
         touch.map(|j| (i as u32, j as u32)).collect::<Vec<_>>()
     };
     Ok((0..body.len()).into_par_iter().map(of).collect::<Vec<_>>().concat())
@@ -149,6 +133,10 @@ mod tests {
     use super::*;
     use crate::segment::balls::{on_threads, surfaces};
 
+    fn found(body: &HostGaussians, features: &[f32]) -> Result<Vec<u32>, PointsError> {
+        objects(body, features, &SegmentConfig::default())
+    }
+
     /// A unit feature at `angle`, radians, in the plane of the first two axes.
     fn at(angle: f32) -> [f32; FEATURES] {
         let mut feature = [0.0; FEATURES];
@@ -165,13 +153,13 @@ mod tests {
     fn touching_balls_are_two_objects_only_where_their_features_differ() {
         let (body, of) = surfaces(&[(-0.97, 1.0), (0.97, 1.0)]);
         let unlike: Vec<f32> = of.iter().flat_map(|ball| at(0.9 * *ball as f32)).collect();
-        let found = objects(&body, &unlike).unwrap();
+        let found = found(&body, &unlike).unwrap();
         assert_eq!(counts(&found).len(), 2);
         let wrong = found.iter().zip(&of).filter(|(label, ball)| (found[0] == **label) != (of[0] == **ball)).count();
         assert!(wrong * 50 < of.len(), "{wrong} of {}", of.len());
-        assert_eq!(found, on_threads(1, || objects(&body, &unlike)).unwrap());
+        assert_eq!(found, on_threads(1, || found(&body, &unlike)).unwrap());
         let like: Vec<f32> = of.iter().flat_map(|ball| at(0.3 * *ball as f32)).collect();
-        assert_eq!(objects(&body, &like).unwrap(), vec![1; body.len()]);
+        assert_eq!(found(&body, &like).unwrap(), vec![1; body.len()]);
     }
 
     #[test]
@@ -179,15 +167,15 @@ mod tests {
         let (body, _) = surfaces(&[(0.0, 1.0)]);
         // by more than two radians in all: opposite sides are unlike
         let drift: Vec<f32> = body.means.chunks_exact(3).flat_map(|p| at(1.2 * p[0])).collect();
-        assert!(groups(&drift).len() > 2, "there are several patches of similar features");
-        assert_eq!(objects(&body, &drift).unwrap(), vec![1; body.len()]);
+        assert!(groups(&drift, &ObjectsConfig::default()).len() > 2, "there are several patches of similar features");
+        assert_eq!(found(&body, &drift).unwrap(), vec![1; body.len()]);
     }
 
     #[test]
     fn features_that_are_not_finite_are_similar_to_none_and_join_no_others() {
         let features = [at(0.0), at(0.0), at(f32::NAN), at(f32::NAN), at(1.2), at(1.2)];
         let sample: Vec<&[f32]> = features.iter().map(|feature| &feature[..]).collect();
-        let found = grouped(&sample);
+        let found = grouped(&sample, ObjectsConfig::default().alike);
         assert!(found[0] == found[1] && found[4] == found[5], "{found:?}");
         let apart = [found[0], found[2], found[3], found[4]];
         assert!((1..4).all(|k| !apart[..k].contains(&apart[k])), "{found:?}");
@@ -200,13 +188,13 @@ mod tests {
     #[test]
     fn empty_single_and_non_finite_inputs() {
         let (body, of) = surfaces(&[(-0.97, 1.0), (0.97, 1.0)]);
-        assert_eq!(objects(&body.subset(&[]), &[]).unwrap(), [0u32; 0]);
-        assert_eq!(objects(&body.subset(&[4]), &at(0.1)).unwrap(), [1]);
+        assert_eq!(found(&body.subset(&[]), &[]).unwrap(), [0u32; 0]);
+        assert_eq!(found(&body.subset(&[4]), &at(0.1)).unwrap(), [1]);
         let mut features: Vec<f32> = of.iter().flat_map(|ball| at(0.9 * *ball as f32)).collect();
         features[..FEATURES].fill(f32::NAN);
         let mut poisoned = body.clone();
         (poisoned.means[30], poisoned.log_scales[60]) = (f32::NAN, f32::INFINITY);
-        let found = objects(&poisoned, &features).unwrap();
+        let found = found(&poisoned, &features).unwrap();
         assert!(found.len() == body.len() && found.iter().all(|label| *label > 0));
     }
 }

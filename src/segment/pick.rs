@@ -33,9 +33,6 @@ pub enum Meaning {
 }
 
 impl Meaning {
-    /// Scale and cosine where the user gives only one of them, and for SAGA: the middle of the scales, and 0.8.
-    pub const BY_HAND: (f32, f32) = (0.5, 0.8);
-
     /// Refuses numbers that mean nothing.
     fn check(self) -> Result<(), PickError> {
         let Self::By { scale, threshold } = self else { return Ok(()) };
@@ -53,8 +50,6 @@ impl Meaning {
 pub struct PickOptions {
     /// How much is selected.
     pub meaning: Meaning,
-    /// Whether small pieces that do not touch the rest are kept.
-    pub keep_strays: bool,
     /// Whether to find all levels, even if the selection does not need them.
     pub list: bool,
 }
@@ -133,9 +128,13 @@ fn words(kinds: &[Kind]) -> String {
 /// Returns the Gaussian that a click on a pixel means, `None` if the pixel is empty. `under` holds the Gaussians of the
 /// pixel (indices and weights, nearest first), and `segment` gives the segment of a Gaussian. The result is the
 /// heaviest Gaussian of the segment that makes up most of the pixel, whatever the heaviest Gaussian overall belongs to;
-/// haze in no segment is ignored. If no segment holds any of them, it is the heaviest of all.
+/// haze in no segment is ignored. If no segment holds any of them, it is the heaviest of all. Without a `majority`, it is
+/// the heaviest Gaussian in any segment.
 #[must_use]
-pub fn meant(under: &[(u32, f32)], segment: impl Fn(u32) -> Option<u32>) -> Option<u32> {
+pub fn meant(under: &[(u32, f32)], majority: bool, segment: impl Fn(u32) -> Option<u32>) -> Option<u32> {
+    if !majority {
+        return heaviest(under, |i| segment(i).is_some()).or_else(|| heaviest(under, |_| true));
+    }
     let mut sums: BTreeMap<u32, f32> = BTreeMap::new();
     for &(i, weight) in under {
         if let Some(segment) = segment(i) {
@@ -186,8 +185,9 @@ pub fn pick(of: &Candidates<'_>, clicked: u32, options: &PickOptions) -> Result<
         }
     };
     // only the affinity can select what does not touch the rest by mistake
-    if !options.keep_strays && picked.kind == Kind::Similar {
-        picked.members = without_strays(of.at, &picked.members, Some(clicked))?;
+    let pieces = &of.config.pieces;
+    if pieces.strays && picked.kind == Kind::Similar {
+        picked.members = without_strays(of.at, &picked.members, Some(clicked), pieces)?;
     }
     Ok(picked)
 }
@@ -210,11 +210,10 @@ impl SagaPick {
 }
 
 impl Default for SagaPick {
-    /// [`Meaning::BY_HAND`]: scale 0.5, a cosine of 0.8, which is a similarity of 0.9. The published program leaves
-    /// both to its user.
+    /// Scale 0.5, a cosine of 0.8, which is a similarity of 0.9, as our field without plateaus. The published program
+    /// leaves both to its user.
     fn default() -> Self {
-        let (scale, cosine) = Meaning::BY_HAND;
-        Self::like(scale, cosine)
+        Self::like(0.5, 0.8)
     }
 }
 
@@ -231,6 +230,8 @@ pub fn pick_saga(model: &SagaModel, clicked: u32, options: &SagaPick) -> Vec<u32
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::types::SegmentConfig;
+    use crate::config::types::segment::PiecesConfig;
     use crate::device::DeviceName;
     use crate::segment::balls::{APART, COUNT};
     use crate::segment::fine::AffinityField;
@@ -239,12 +240,14 @@ mod tests {
     #[test]
     fn a_click_means_the_segment_that_makes_up_most_of_the_pixel_and_no_haze() {
         let under = [(4, 0.6), (7, 0.3), (9, 0.1)];
-        assert_eq!(meant(&under, |i| (i >= 7).then_some(0)), Some(7));
-        assert_eq!(meant(&under, |_| None), Some(4));
-        assert_eq!(meant(&[], |_| Some(0)), None);
+        assert_eq!(meant(&under, true, |i| (i >= 7).then_some(0)), Some(7));
+        assert_eq!(meant(&under, true, |_| None), Some(4));
+        assert_eq!(meant(&[], true, |_| Some(0)), None);
         // the heaviest one belongs to a segment that has less of the pixel than another
         let under = [(4, 0.3), (7, 0.2), (9, 0.25)];
-        assert_eq!(meant(&under, |i| Some(u32::from(i >= 7))), Some(9));
+        assert_eq!(meant(&under, true, |i| Some(u32::from(i >= 7))), Some(9));
+        assert_eq!(meant(&under, false, |i| Some(u32::from(i >= 7))), Some(4));
+        assert_eq!(meant(&under, false, |i| (i >= 7).then_some(0)), Some(9));
     }
 
     #[test]
@@ -252,10 +255,11 @@ mod tests {
         let device = DeviceName::all()[0].open().unwrap();
         let (at, field) = (APART.gaussians(), AffinityField::new(3, &device));
         let frame = Frame::around(&at.means);
-        let of = |within| Candidates::new(&field, &frame, &at.means, &at, within);
+        let pieces = PiecesConfig { strays: false, ..PiecesConfig::default() };
+        let config = SegmentConfig { pieces, ..SegmentConfig::default() };
+        let of = |within| Candidates::new(&field, &frame, &at.means, &at, within, &config);
         let within: Vec<u32> = (0..COUNT as u32).collect();
-        let by =
-            |threshold| PickOptions { meaning: Meaning::By { scale: 0.5, threshold }, keep_strays: true, list: false };
+        let by = |threshold| PickOptions { meaning: Meaning::By { scale: 0.5, threshold }, list: false };
         let all = by(-1.0);
         assert_eq!(pick(&of(&within), 5, &all).unwrap().members, within);
         assert!(pick(&of(&within), 5, &by(1.0)).unwrap().members.contains(&5));

@@ -1,11 +1,10 @@
 //! Connected pieces of Gaussians that touch in space, and the strays among them.
 
+use crate::config::types::segment::PiecesConfig;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::components::{ComponentFilter, Components, components_touching, largest_scales};
 
-/// Opacity from which a Gaussian is visible and so can connect others; the same as that from which it has a colour.
-pub const SEEN: f32 = 0.02;
 /// When Gaussians are connected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Touch {
@@ -16,15 +15,18 @@ pub struct Touch {
 }
 
 impl Touch {
-    /// One object. At a reach of 2 a thread of Gaussians breaks into dashes, from 3 on an object merges with what lies
-    /// next to it: see the results of 2026-11-22 in `benches/results`.
-    pub const SEEN: Self = Self { reach: 2.5, min_opacity: SEEN };
-    /// The same, whether visible or not.
-    pub const ALL: Self = Self { min_opacity: 0.0, ..Self::SEEN };
-}
+    /// Visible Gaussians are connected.
+    #[must_use]
+    pub fn seen(config: &PiecesConfig) -> Self {
+        Self { reach: config.reach, min_opacity: config.min_opacity }
+    }
 
-/// Fraction of the largest connected piece's opacity below which another piece is a stray.
-const STRAY: f64 = 0.05;
+    /// Gaussians are connected, whether visible or not.
+    #[must_use]
+    pub fn all(config: &PiecesConfig) -> Self {
+        Self { reach: config.reach, min_opacity: 0.0 }
+    }
+}
 
 /// Finds the connected pieces of `members`, in which Gaussians `touch`. Labels `[M]` from 1; 0 for those that are too
 /// transparent or not finite.
@@ -57,10 +59,15 @@ pub fn pieces(at: &HostGaussians, members: &[u32], touch: Touch) -> Result<Compo
 ///
 /// # Panics
 /// If a member is not below N.
-pub fn without_strays(at: &HostGaussians, members: &[u32], kept: Option<u32>) -> Result<Vec<u32>, PointsError> {
-    let found = pieces(at, members, Touch::ALL)?;
+pub fn without_strays(
+    at: &HostGaussians,
+    members: &[u32],
+    kept: Option<u32>,
+    config: &PiecesConfig,
+) -> Result<Vec<u32>, PointsError> {
+    let found = pieces(at, members, Touch::all(config))?;
     let own = kept.and_then(|kept| members.binary_search(&kept).ok()).map_or(0, |row| found.labels[row]);
-    let large = large(&found);
+    let large = large(&found, config.stray);
     let stays = |label: u32| label > 0 && (label == own || large(label));
     Ok(members.iter().zip(&found.labels).filter(|(_, l)| stays(**l)).map(|(m, _)| *m).collect())
 }
@@ -70,10 +77,10 @@ pub fn without_strays(at: &HostGaussians, members: &[u32], kept: Option<u32>) ->
 ///
 /// # Errors
 /// If the arrays of `at` disagree, or points are too far apart.
-pub fn strays(at: &HostGaussians) -> Result<Vec<bool>, PointsError> {
-    let visible: Vec<u32> = (0..at.len() as u32).filter(|&i| at.opacity_of(i as usize) >= SEEN).collect();
-    let found = pieces(at, &visible, Touch::SEEN)?;
-    let large = large(&found);
+pub fn strays(at: &HostGaussians, config: &PiecesConfig) -> Result<Vec<bool>, PointsError> {
+    let visible: Vec<u32> = (0..at.len() as u32).filter(|&i| at.opacity_of(i as usize) >= config.min_opacity).collect();
+    let found = pieces(at, &visible, Touch::seen(config))?;
+    let large = large(&found, config.stray);
     let mut stray = vec![false; at.len()];
     for (&i, &label) in visible.iter().zip(&found.labels) {
         stray[i as usize] = label > 0 && !large(label);
@@ -81,10 +88,10 @@ pub fn strays(at: &HostGaussians) -> Result<Vec<bool>, PointsError> {
     Ok(stray)
 }
 
-/// Whether the piece of a label, from 1, is too large for a stray.
-fn large(found: &Components) -> impl Fn(u32) -> bool {
+/// Whether the piece of a label, from 1, is too large for a stray: at least a fraction `stray` of the largest.
+fn large(found: &Components, stray: f64) -> impl Fn(u32) -> bool {
     let most = found.weights.iter().copied().fold(0.0, f64::max);
-    move |label| found.weights[label as usize - 1] >= STRAY * most
+    move |label| found.weights[label as usize - 1] >= stray * most
 }
 
 #[cfg(test)]
@@ -93,6 +100,7 @@ mod tests {
 
     #[test]
     fn small_pieces_apart_are_strays_and_large_ones_are_not() {
+        let config = PiecesConfig::default();
         // rows along x: 30 that touch, 10 that touch far away, 1 alone
         let x: Vec<f32> = (0..30).chain(100..110).chain([200]).map(|i| 0.1 * i as f32).collect();
         let n = x.len();
@@ -107,22 +115,22 @@ mod tests {
             embedding: None,
         };
         let all: Vec<u32> = (0..n as u32).collect();
-        assert_eq!(without_strays(&at, &all, None).unwrap(), all[..40]);
-        assert_eq!(without_strays(&at, &all[40..], None).unwrap(), [40], "a lone Gaussian is not a stray");
-        assert_eq!(without_strays(&at, &[], None).unwrap(), [0u32; 0]);
-        assert_eq!(without_strays(&at, &all, Some(40)).unwrap(), all, "the clicked one is none");
-        assert_eq!(without_strays(&at, &all, Some(3)).unwrap(), all[..40]);
-        assert_eq!(strays(&at).unwrap(), (0..n).map(|i| i == 40).collect::<Vec<_>>());
+        assert_eq!(without_strays(&at, &all, None, &config).unwrap(), all[..40]);
+        assert_eq!(without_strays(&at, &all[40..], None, &config).unwrap(), [40], "a lone Gaussian is not a stray");
+        assert_eq!(without_strays(&at, &[], None, &config).unwrap(), [0u32; 0]);
+        assert_eq!(without_strays(&at, &all, Some(40), &config).unwrap(), all, "the clicked one is none");
+        assert_eq!(without_strays(&at, &all, Some(3), &config).unwrap(), all[..40]);
+        assert_eq!(strays(&at, &config).unwrap(), (0..n).map(|i| i == 40).collect::<Vec<_>>());
         at.opacity_logits[13..18].fill(-8.0);
-        let parted = pieces(&at, &all, Touch::SEEN).unwrap().labels;
+        let parted = pieces(&at, &all, Touch::seen(&config)).unwrap().labels;
         assert_eq!((parted[15], parted[12] == parted[18]), (0, false), "invisible Gaussians connect nothing");
-        assert_eq!(pieces(&at, &all, Touch::ALL).unwrap().labels[..30], [1; 30]);
+        assert_eq!(pieces(&at, &all, Touch::all(&config)).unwrap().labels[..30], [1; 30]);
         at.opacity_logits[..2].fill(f32::NAN);
-        let without = pieces(&at, &all, Touch::SEEN).unwrap().labels;
+        let without = pieces(&at, &all, Touch::seen(&config)).unwrap().labels;
         assert_eq!((without[0], without[1], without[2]), (0, 0, without[3]), "nor do those without an opacity");
         assert!(without[2] > 0);
         at.opacity_logits[..2].fill(1.0);
         at.means[3] = f32::NAN;
-        assert!(!without_strays(&at, &all, None).unwrap().contains(&1));
+        assert!(!without_strays(&at, &all, None, &config).unwrap().contains(&1));
     }
 }

@@ -11,7 +11,9 @@
 //! Fading is rarely complete: at the time of the click, what an object consists of at other times is left as scattered
 //! faint [`strays`]. Unless selected, these are treated as invisible then.
 
-use super::pieces::{SEEN, strays};
+use super::pieces::strays;
+use crate::config::types::SegmentConfig;
+use crate::config::types::segment::PropagateConfig;
 use crate::model::{HostGaussians, Scene};
 use crate::points::PointsError;
 use crate::points::chunks::point;
@@ -19,32 +21,24 @@ use crate::points::components::largest_scales;
 use crate::points::neighbours::Grid;
 use rayon::prelude::*;
 
-/// Step between the times visited, about that between 15 training times.
-const STEP: f64 = 1.0 / 15.0;
-/// Parts of a step for Gaussians that overlap none after it. Visiting as many times for all selects no better and takes
-/// far longer: see the results of 2026-11-28 in `benches/results`.
-const PARTS: u32 = 4;
-/// Number of nearest Gaussians, visible or not, among which each such Gaussian is joined to others in between.
-const NEAR: usize = 24;
-/// Distance up to which two Gaussians overlap, as a multiple of the sum of their largest standard deviations. Values
-/// from 0.7 to 1.5 make no difference; at 2.5, Gaussians that appear beside an object join it too: see the results of
-/// 2026-11-23 in `benches/results`.
-const OVERLAP: f32 = 1.0;
-/// Number of neighbours that vote.
-const VOTERS: usize = 6;
-
 /// Extends what was `selected` at `time` in [0, 1] among the Gaussians `within` to all times: adds those invisible at
 /// that time, or [`strays`] then, that appear in it at another. Both lists and the result are ascending. Where
-/// opacities do not change over time, the result is `selected`.
+/// opacities do not change over time, or `segment.propagate.join` is off, the result is `selected`.
 ///
 /// # Errors
 /// If arrays of the scene disagree.
-pub fn propagate(scene: &Scene, selected: &[u32], within: &[u32], time: f64) -> Result<Vec<u32>, PointsError> {
-    if !scene.opacity_changes() || within.is_empty() {
+pub fn propagate(
+    scene: &Scene,
+    selected: &[u32],
+    within: &[u32],
+    time: f64,
+    config: &SegmentConfig,
+) -> Result<Vec<u32>, PointsError> {
+    if !config.propagate.join || !scene.opacity_changes() || within.is_empty() {
         return Ok(selected.to_vec());
     }
     let was: Vec<bool> = within.iter().map(|i| selected.binary_search(i).is_ok()).collect();
-    let is = propagated(&was, time, |rows| {
+    let is = propagated(&was, time, config, |rows| {
         let some = scene.some(&rows.iter().map(|&n| within[n as usize]).collect::<Vec<u32>>());
         move |time: f64| some.at(time as f32)
     })?;
@@ -56,39 +50,42 @@ pub fn propagate(scene: &Scene, selected: &[u32], within: &[u32], time: f64) -> 
 fn propagated<At: Fn(f64) -> HostGaussians>(
     was: &[bool],
     time: f64,
+    config: &SegmentConfig,
     some: impl Fn(&[u32]) -> At,
 ) -> Result<Vec<bool>, PointsError> {
     let all: Vec<u32> = (0..was.len() as u32).collect();
     let all_at = some(&all);
     let first = all_at(time);
-    let stray = strays(&first)?;
-    let is_known = |i: usize| is_seen(&first, i) && (was[i] || !stray[i]);
+    let (pieces, config) = (&config.pieces, &config.propagate);
+    let seen = pieces.min_opacity;
+    let stray = if config.strays { strays(&first, pieces)? } else { vec![false; first.len()] };
+    let is_known = |i: usize| is_seen(&first, i, seen) && (was[i] || !stray[i]);
     let mut known: Vec<Option<bool>> = (0..was.len()).map(|i| is_known(i).then_some(was[i])).collect();
-    for [before, time] in outwards(time) {
+    for [before, time] in outwards(time, config.step) {
         let after = all_at(time);
-        let alone = join(&after, &all, &mut known)?;
-        if alone.is_empty() {
+        let alone = join(&after, &all, &mut known, (seen, config))?;
+        if alone.is_empty() || config.parts == 0 {
             continue;
         }
-        let near = with_nearest(&after, &alone)?;
+        let near = with_nearest(&after, &alone, config.near)?;
         let near_at = some(&near);
-        for part in (1..=PARTS).map(|part| f64::from(part) / f64::from(PARTS)) {
-            join(&near_at(before + (time - before) * part), &near, &mut known)?;
+        for part in (1..=config.parts).map(|part| f64::from(part) / f64::from(config.parts)) {
+            join(&near_at(before + (time - before) * part), &near, &mut known, (seen, config))?;
         }
     }
     Ok(known.into_iter().zip(was).map(|(known, was)| known.unwrap_or(*was)).collect())
 }
 
-fn is_seen(at: &HostGaussians, row: usize) -> bool {
-    at.opacity_of(row) >= SEEN && at.is_finite(row)
+fn is_seen(at: &HostGaussians, row: usize, min_opacity: f32) -> bool {
+    at.opacity_of(row) >= min_opacity && at.is_finite(row)
 }
 
-/// Returns the times from `time` to the end, then from `time` back to the beginning, without `time` itself, each after
+/// Returns the times, a `step` apart, from `time` to the end, then from `time` back to the beginning, without `time` itself, each after
 /// the one that it is reached from.
-fn outwards(time: f64) -> Vec<[f64; 2]> {
+fn outwards(time: f64, step: f64) -> Vec<[f64; 2]> {
     let steps = |to: f64| {
-        let count = ((to - time).abs() / STEP).ceil() as usize;
-        let after = move |k: usize| if k == count { to } else { time + (to - time).signum() * STEP * k as f64 };
+        let count = ((to - time).abs() / step).ceil() as usize;
+        let after = move |k: usize| if k == count { to } else { time + (to - time).signum() * step * k as f64 };
         (1..=count).map(move |k| [after(k - 1), after(k)])
     };
     steps(1.0).chain(steps(0.0)).collect()
@@ -96,20 +93,25 @@ fn outwards(time: f64) -> Vec<[f64; 2]> {
 
 /// Lets visible Gaussians that are not `known` yet join what they overlap. Row k of `at` is Gaussian `rows[k]`. Returns
 /// those that overlap none.
-fn join(at: &HostGaussians, rows: &[u32], known: &mut [Option<bool>]) -> Result<Vec<u32>, PointsError> {
-    let seen = (0..rows.len() as u32).filter(|&k| is_seen(at, k as usize));
+fn join(
+    at: &HostGaussians,
+    rows: &[u32],
+    known: &mut [Option<bool>],
+    (min_opacity, config): (f32, &PropagateConfig),
+) -> Result<Vec<u32>, PointsError> {
+    let seen = (0..rows.len() as u32).filter(|&k| is_seen(at, k as usize, min_opacity));
     let (there, open): (Vec<u32>, Vec<u32>) = seen.partition(|&k| known[rows[k as usize] as usize].is_some());
     let selected = |k: u32| known[rows[k as usize] as usize] == Some(true);
-    for (k, is) in joining(at, &there, &open, selected)? {
+    for (k, is) in joining(at, &there, &open, selected, config)? {
         known[rows[k as usize] as usize] = Some(is);
     }
     Ok(open.into_iter().map(|k| rows[k as usize]).filter(|&i| known[i as usize].is_none()).collect())
 }
 
-/// Returns the Gaussians `alone` and the nearest ones of each, visible or not, ascending.
-fn with_nearest(at: &HostGaussians, alone: &[u32]) -> Result<Vec<u32>, PointsError> {
+/// Returns the Gaussians `alone` and the `count` nearest ones of each, visible or not, ascending.
+fn with_nearest(at: &HostGaussians, alone: &[u32], count: usize) -> Result<Vec<u32>, PointsError> {
     let grid = Grid::adaptive(&at.means)?;
-    let nearest = |&i: &u32| grid.nearest(point(&at.means, i as usize), NEAR, None);
+    let nearest = |&i: &u32| grid.nearest(point(&at.means, i as usize), count, None);
     let mut out: Vec<u32> =
         alone.par_iter().flat_map_iter(nearest).map(|(i, _)| i).chain(alone.par_iter().copied()).collect();
     out.par_sort_unstable();
@@ -124,6 +126,7 @@ fn joining(
     there: &[u32],
     open: &[u32],
     selected: impl Fn(u32) -> bool + Sync,
+    config: &PropagateConfig,
 ) -> Result<Vec<(u32, bool)>, PointsError> {
     if there.is_empty() || open.is_empty() {
         return Ok(Vec::new());
@@ -133,9 +136,9 @@ fn joining(
     let grid = Grid::adaptive(&means)?;
     let vote = |&i: &u32| {
         let mut sums: Option<[f32; 2]> = None;
-        for (n, square) in grid.nearest(point(&at.means, i as usize), VOTERS, None) {
+        for (n, square) in grid.nearest(point(&at.means, i as usize), config.voters, None) {
             let voter = there[n as usize];
-            let limit = OVERLAP * (radii[i as usize] + radii[voter as usize]);
+            let limit = config.overlap * (radii[i as usize] + radii[voter as usize]);
             if square <= limit * limit {
                 sums.get_or_insert_default()[usize::from(selected(voter))] += at.opacity_of(voter as usize);
             }
@@ -150,6 +153,8 @@ mod tests {
     use super::*;
     use crate::segment::balls::{add, on_threads};
 
+    const STEP: f64 = 1.0 / 15.0;
+    const SEEN: f32 = 0.02;
     const ALONG: usize = 12;
     const STAGES: usize = 8;
 
@@ -174,7 +179,7 @@ mod tests {
     }
 
     fn followed(was: &[bool], time: f64, at: impl Fn(f64) -> HostGaussians + Copy) -> Vec<bool> {
-        propagated(was, time, |rows| {
+        propagated(was, time, &SegmentConfig::default(), |rows| {
             let rows = rows.to_vec();
             move |time| at(time).subset(&rows)
         })
@@ -247,10 +252,10 @@ mod tests {
 
     #[test]
     fn times_go_outwards_and_reach_both_ends() {
-        let times = outwards(0.49);
+        let times = outwards(0.49, STEP);
         let reached: Vec<f64> = times.iter().map(|[_, time]| *time).collect();
         assert!(reached.contains(&0.0) && reached.contains(&1.0) && !reached.contains(&0.49));
-        assert_eq!((times.len(), outwards(1.0).len()), (16, 15));
+        assert_eq!((times.len(), outwards(1.0, STEP).len()), (16, 15));
         assert!((times[0][1] - 0.49 - STEP).abs() < 1e-12);
         let from = |[before, _]: &[f64; 2]| *before == 0.49 || reached.contains(before);
         assert!(times.iter().all(|step| from(step) && (step[1] - step[0]).abs() < STEP + 1e-12));

@@ -2,7 +2,7 @@
 //!
 //! Whether a layer is in contact with what it covers, and how much of it is edge, depends on how many Gaussians thick
 //! it is, as each is compared with the same number of neighbours. The limits in `bodies` and `surface_layers` were
-//! found on pieces of about [`KNOWN`] Gaussians. A material with far larger pieces is therefore judged in samples of
+//! found on pieces of about `segment.layers.sampled_size` Gaussians. A material with far larger pieces is therefore judged in samples of
 //! the scene in which they are of that size, and in which each Gaussian is enlarged by as much as they are farther
 //! apart in a volume, the cube root of the thinning; in a sheet one Gaussian thick, distances grow by its square root,
 //! so that contacts are lost (sizes by the measured distances were tried, and change what should stay). Materials differ
@@ -10,17 +10,9 @@
 //! material are judged with its large ones, as they are mostly their fragments: see the results of 2026-11-28.
 
 use super::pieces::{Touch, pieces};
+use crate::config::types::SegmentConfig;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
-
-/// Gaussians in a piece of a material, weighted by size, in the scene with the most layers among those on which the
-/// limits were found: see the results of 2026-11-28 in `benches/results`.
-const KNOWN: f64 = 1300.0;
-/// How many times as many a piece must have for samples to be taken. Some of those scenes have such pieces too, and the
-/// same result with and without samples.
-const FAR_MORE: f64 = 2.0;
-/// Samples that vote. In a single one, what is near a limit may fall on either side of it by chance.
-pub(super) const SAMPLES: usize = 5;
 
 /// A material with large pieces, which is judged in samples.
 pub(super) struct Large {
@@ -28,11 +20,12 @@ pub(super) struct Large {
     pub material: u32,
     /// Its Gaussians, rows of `shown`, ascending.
     pub rows: Vec<usize>,
-    /// How many times fewer Gaussians there must be for its pieces to have [`KNOWN`].
+    /// How many times fewer Gaussians there must be for its pieces to be of the
+    /// known size.
     pub thinning: f64,
 }
 
-/// Returns a material if its pieces have far more than [`KNOWN`] Gaussians, on average over its Gaussians. `shown` `[M]`
+/// Returns a material if its pieces have far more Gaussians than the known ones, on average over its Gaussians. `shown` `[M]`
 /// are indices into `at`, and `labels` `[M]` the materials.
 ///
 /// # Errors
@@ -45,17 +38,19 @@ pub(super) fn large(
     shown: &[u32],
     labels: &[u32],
     material: u32,
+    config: &SegmentConfig,
 ) -> Result<Option<Large>, PointsError> {
+    let (touch, config) = (Touch::seen(&config.pieces), &config.layers);
     let rows: Vec<usize> = (0..shown.len()).filter(|&n| labels[n] == material).collect();
-    let found = pieces(at, &rows.iter().map(|&n| shown[n]).collect::<Vec<u32>>(), Touch::SEEN)?;
+    let found = pieces(at, &rows.iter().map(|&n| shown[n]).collect::<Vec<u32>>(), touch)?;
     let sizes = found.counts.into_iter().map(f64::from);
     // the size of the piece that a Gaussian is in, on average
     let (total, squares) = sizes.fold((0.0, 0.0), |(total, squares), n| (total + n, squares + n * n));
     let typical = squares / f64::max(total, 1.0);
-    if typical <= FAR_MORE * KNOWN {
+    if !config.samples || typical <= config.far_more * config.sampled_size {
         return Ok(None);
     }
-    Ok(Some(Large { material, rows, thinning: typical / KNOWN }))
+    Ok(Some(Large { material, rows, thinning: typical / config.sampled_size }))
 }
 
 /// A sample of M Gaussians.
@@ -68,13 +63,13 @@ pub(super) struct Sample {
 
 impl Sample {
     /// Takes about one in `thinning` of the Gaussians `shown` (`[M]`, indices into `at`), from another start for
-    /// each `number`. From a thinning of [`SAMPLES`] on, no two samples share a Gaussian; the closer it is to 2, the
+    /// each `number` of `samples`. From a thinning of `samples` on, no two share a Gaussian; the closer it is to 2, the
     /// more they share.
     ///
     /// # Panics
     /// If an index is not below N.
-    pub fn of(at: &HostGaussians, shown: &[u32], thinning: f64, number: usize) -> Self {
-        let first = thinning * number as f64 / SAMPLES as f64;
+    pub fn of(at: &HostGaussians, shown: &[u32], thinning: f64, (number, samples): (usize, usize)) -> Self {
+        let first = thinning * number as f64 / samples as f64;
         let rows: Vec<usize> = (0..shown.len())
             .map(|k| (first + k as f64 * thinning) as usize)
             .take_while(|row| *row < shown.len())
@@ -103,21 +98,22 @@ mod tests {
     #[test]
     fn materials_with_large_pieces_are_thinned_and_to_the_size_of_known_ones() {
         let (at, shown, labels) = row(6500);
-        let of = |material| large(&at, &shown, &labels, material).unwrap();
+        let config = SegmentConfig::default();
+        let of = |material| large(&at, &shown, &labels, material, &config).unwrap();
         assert!(of(2).is_none() && of(3).is_none());
         let found = of(1).unwrap();
         assert_eq!((found.material, found.thinning, found.rows), (1, 5.0, (0..6500).collect()));
         // with a small piece far from it, all of the material is judged in samples
-        let found = large(&at, &shown, &vec![1; 6501], 1).unwrap().unwrap();
+        let found = large(&at, &shown, &vec![1; 6501], 1, &config).unwrap().unwrap();
         assert!((found.thinning - 5.0).abs() < 0.01 && found.rows.len() == 6501, "{}", found.thinning);
         let (at, shown, labels) = row(2500);
-        assert!(large(&at, &shown, &labels, 1).unwrap().is_none());
+        assert!(large(&at, &shown, &labels, 1, &config).unwrap().is_none());
     }
 
     #[test]
     fn samples_share_no_gaussian_if_there_are_enough_and_are_enlarged() {
         let (at, shown, _) = row(6500);
-        let samples: Vec<Sample> = (0..SAMPLES).map(|number| Sample::of(&at, &shown, 5.0, number)).collect();
+        let samples: Vec<Sample> = (0..5).map(|number| Sample::of(&at, &shown, 5.0, (number, 5))).collect();
         let mut rows: Vec<usize> = samples.iter().flat_map(|s| s.rows.iter().copied()).collect();
         rows.sort_unstable();
         assert_eq!(rows, (0..=6500).collect::<Vec<_>>());

@@ -6,27 +6,13 @@
 //! Gaussians in contact are only the side of a body, and have many neighbours behind them. A core in a body
 //! may be all surface, but it holds most of its material, and does not bend around the body.
 
-use super::contacts::{Contacts, NEIGHBOURS};
-use super::pieces::Touch;
+use super::contacts::Contacts;
+use crate::config::types::SegmentConfig;
 use crate::points::PointsError;
 use crate::points::union_find::UnionFind;
 use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-
-/// Maximum share of a layer's neighbours of its own material that are outside of it. Layers of trained scenes have 0.06
-/// to 0.22, sides of bodies 0.24 to 0.73: see the results of 2026-11-27 in `benches/results`.
-const EDGE: f64 = 0.25;
-/// This share as a fraction of that of the side which the layer covers, maximum. Layers have 0.32 to 0.49 of it.
-const EDGE_OF_COVERED: f64 = 0.6;
-/// Minimum fraction of its material, by opacity, that a layer holds: the edge of a smaller region says little.
-const SMALL: f64 = 0.02;
-/// Maximum fraction of it, for a region that [bends](Region::bend) around what it is in contact with and for any other:
-/// more is no layer on the side of its material but the material itself, such as a small core. Layers of trained scenes
-/// hold up to 0.17, surfaces of cores from 0.46: see the results of 2026-11-29.
-const LARGE: [f64; 2] = [0.7, 0.3];
-/// How much a region bends around something. Layers have 0.09 to 0.69, surfaces of cores -0.76 to 0.13.
-const BEND: f64 = 0.15;
 
 /// Gives layers the material of what they cover. `labels` `[M]`, from 1, are the materials of the Gaussians whose
 /// `contacts` are given, 0 for those without one; `opacity` `[M]`. The `fixed` `[M]` keep their material.
@@ -38,18 +24,20 @@ pub(super) fn join(
     opacity: &[f64],
     labels: &mut [u32],
     fixed: &[bool],
+    config: &SegmentConfig,
 ) -> Result<(), PointsError> {
     let touched: Vec<u32> = (0..labels.len()).into_par_iter().map(|n| touched(contacts, opacity, labels, n)).collect();
-    let regions = Regions::of(contacts, opacity, labels, &touched)?;
+    let regions = Regions::of(contacts, opacity, labels, &touched, config)?;
+    let config = &config.layers;
     let mut of_material: BTreeMap<u32, f64> = BTreeMap::new();
     labels.iter().zip(opacity).for_each(|(&label, o)| *of_material.entry(label).or_default() += o);
     let is_layer = |region: &Region| {
         let whole = of_material[&region.material];
-        let largest = LARGE[usize::from(region.bend() < BEND)];
-        let sized = region.weight >= SMALL * whole && region.weight <= largest * whole;
+        let largest = if region.bend() < config.bend { config.large_unbent } else { config.large };
+        let sized = region.weight >= config.small * whole && region.weight <= largest * whole;
         let covered = region.facing.map_or(f64::INFINITY, |facing| regions.all[facing].edge());
         let lighter = region.weight < of_material[&region.touches];
-        sized && lighter && region.edge() <= EDGE.min(EDGE_OF_COVERED * covered)
+        sized && lighter && region.edge() <= config.edge.min(config.edge_of_covered * covered)
     };
     let layers: Vec<bool> = regions.all.iter().map(is_layer).collect();
     for (n, touched) in touched.into_iter().enumerate() {
@@ -115,8 +103,14 @@ struct Regions {
 
 impl Regions {
     /// `touched` `[M]` holds the material that each Gaussian is in contact with, 0 for none.
-    fn of(contacts: &Contacts, opacity: &[f64], labels: &[u32], touched: &[u32]) -> Result<Self, PointsError> {
-        let beside = beside(contacts, labels, touched)?;
+    fn of(
+        contacts: &Contacts,
+        opacity: &[f64],
+        labels: &[u32],
+        touched: &[u32],
+        config: &SegmentConfig,
+    ) -> Result<Self, PointsError> {
+        let beside = beside(contacts, labels, touched, config)?;
         // of the same material by `beside`
         let same = |n: usize, k: usize| touched[n] == touched[k];
         let sets = UnionFind::new(labels.len());
@@ -176,14 +170,18 @@ impl Regions {
 
 /// Returns, for each row in contact with another material, the nearest rows of its own material that are connected to
 /// it; rows ascending.
-fn beside(contacts: &Contacts, labels: &[u32], touched: &[u32]) -> Result<Vec<(usize, Vec<usize>)>, PointsError> {
+fn beside(
+    contacts: &Contacts,
+    labels: &[u32],
+    touched: &[u32],
+    config: &SegmentConfig,
+) -> Result<Vec<(usize, Vec<usize>)>, PointsError> {
+    let (count, reach) = (config.contacts.neighbours, config.pieces.reach);
     let mut out: Vec<(usize, Vec<usize>)> = Vec::new();
     for material in 1..=labels.iter().copied().max().unwrap_or(0) {
         let rows: Vec<usize> = (0..labels.len()).filter(|&n| labels[n] == material).collect();
         let alone = contacts.all.of(&rows)?;
-        let near = |(row, &n): (usize, &usize)| {
-            (n, alone.within(row, NEIGHBOURS, Touch::SEEN.reach).map(|k| rows[k]).collect())
-        };
+        let near = |(row, &n): (usize, &usize)| (n, alone.within(row, count, reach).map(|k| rows[k]).collect());
         let edge: Vec<(usize, &usize)> = rows.iter().enumerate().filter(|(_, n)| touched[**n] > 0).collect();
         out.par_extend(edge.into_par_iter().map(near));
     }
@@ -211,7 +209,9 @@ mod tests {
         let mut out = labels.clone();
         let all: Vec<u32> = (0..at.len() as u32).collect();
         let opacity: Vec<f64> = all.iter().map(|&i| at.opacity_of(i as usize).into()).collect();
-        join(&Contacts::among(at, &all).unwrap(), &opacity, &mut out, &vec![false; all.len()]).unwrap();
+        let config = SegmentConfig::default();
+        let contacts = Contacts::among(at, &all, &config.contacts).unwrap();
+        join(&contacts, &opacity, &mut out, &vec![false; all.len()], &config).unwrap();
         out
     }
 
@@ -259,15 +259,22 @@ mod tests {
         let (at, labels) = &scene;
         let all: Vec<u32> = (0..at.len() as u32).collect();
         let opacity: Vec<f64> = all.iter().map(|&i| at.opacity_of(i as usize).into()).collect();
-        let contacts = Contacts::among(at, &all).unwrap();
+        let config = SegmentConfig::default();
+        let contacts = Contacts::among(at, &all, &config.contacts).unwrap();
         let touched: Vec<u32> = (0..at.len()).map(|n| touched(&contacts, &opacity, labels, n)).collect();
-        let found = Regions::of(&contacts, &opacity, labels, &touched).unwrap().all;
+        let found = Regions::of(&contacts, &opacity, labels, &touched, &config).unwrap().all;
+        let limits = &config.layers;
         let [around, surface] = [1, 2].map(|m| found.iter().find(|r| r.material == m).unwrap());
         // by its edge and size alone it would be one
         let core: f64 = opacity.iter().zip(labels).filter(|(_, l)| **l == 2).map(|(o, _)| o).sum();
-        assert!(surface.edge() <= EDGE.min(EDGE_OF_COVERED * around.edge()), "{} {}", surface.edge(), around.edge());
+        assert!(
+            surface.edge() <= limits.edge.min(limits.edge_of_covered * around.edge()),
+            "{} {}",
+            surface.edge(),
+            around.edge()
+        );
         let share = surface.weight / core;
-        assert!(share > LARGE[1] && share < LARGE[0], "{share}");
+        assert!(share > limits.large_unbent && share < limits.large, "{share}");
         assert!(surface.bend() < 0.0 && around.bend() > 0.0, "{} {}", surface.bend(), around.bend());
         assert!(joined(&scene) == scene.1);
     }

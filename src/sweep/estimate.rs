@@ -168,7 +168,8 @@ fn of_gaussians(config: &Config, pixels: f64) -> Share {
 
 /// Estimates the seconds of CPU time that segments of a run of `config` on `data` take, measured as `spec` specifies.
 fn segmentation(spec: &SegmentSpec, config: &Config, data: &DataPlan) -> f64 {
-    let (fine, saga) = (spec.fine_steps as f64 * spec.pixels as f64 / FINE_PIXELS, spec.saga_steps as f64);
+    let affinity = spec.config().affinity;
+    let (fine, saga) = (affinity.steps as f64 * affinity.pixels as f64 / FINE_PIXELS, spec.saga_steps as f64);
     let per_gaussian = match spec.method.as_str() {
         "fine" => fine * PER_FINE,
         "coarse+fine" => fine * PER_FINE_COLOUR,
@@ -314,7 +315,7 @@ mod tests {
             ("coarse", true, 35.0),
         ] {
             let method = method.to_owned();
-            let steps = SegmentSpec { fine_steps: 1500, saga_steps: 500, views: 30, ..SegmentSpec::default() };
+            let steps = SegmentSpec { fine_steps: Some(1500), saga_steps: 500, views: 30, ..SegmentSpec::default() };
             let found = segmentation(&SegmentSpec { method, oracle, ..steps }, &config, data);
             assert!((found - expected).abs() < 1e-6 * expected, "{found} {expected}");
         }

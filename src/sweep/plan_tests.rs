@@ -218,6 +218,30 @@ fn duplicates_are_refused_but_measurements_share_runs() {
 }
 
 #[test]
+fn options_of_segmentation_share_the_trained_run() {
+    let text = format!(
+        "config = 'demo'\n[segments]\nmethod = 'coarse'\n[grid]\n'segment.layers.edge' = [0.2, 0.25]\n\
+         'segment.layers.join' = [true, false]\n{}",
+        DATA.replace("size", "segments = true, size")
+    );
+    let found = plan(&text).unwrap();
+    assert_eq!((found.runs.len(), found.entries.len(), found.runs[0].segments.len()), (1, 4, 4));
+    assert!(!found.runs[0].config.contains("[segment"), "no step of training reads it");
+    let edges: Vec<f64> = found.runs[0].segments.iter().map(|spec| spec.segment.layers.edge).collect();
+    assert_eq!(edges, [0.2, 0.2, 0.25, 0.25]);
+    assert!(found.runs[0].segments[2].segment.is_default(), "as without the key");
+    let folder = |n: usize| segments_path(&found, 0, &found.runs[0].segments[n]);
+    assert!(folder(0) != folder(1) && folder(1) != folder(2));
+    let (_, data) = text.split_once("[data]").unwrap();
+    let alone = plan(&format!("config = 'demo'\n[data]{data}")).unwrap();
+    assert_eq!(found.runs[0].key, alone.runs[0].key);
+    let said = error(&text.replace("[0.2, 0.25]", "[0.2, 25.0]"));
+    assert!(said.contains("segment.layers.edge = 25: must be from 0 to 1"), "{said}");
+    // without measurements of segments, nothing tells them apart
+    assert!(error(&text.replace("[segments]\nmethod = 'coarse'\n", "")).contains("duplicates"));
+}
+
+#[test]
 fn a_key_changes_with_what_changes_the_result_and_with_nothing_else() {
     let key = |head: &str, set: &[&str]| {
         let options = PlanOptions {

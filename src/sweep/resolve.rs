@@ -1,4 +1,7 @@
 //! A variant's configuration: the file's, with the command line's settings and then its own on top, checked.
+//!
+//! No step of training reads `[segment]`. It is kept out of the configuration that runs are trained with and recognised by,
+//! and belongs to the measurement of segments instead: variants that differ in nothing else share a run.
 
 use super::SweepError;
 use super::axes::{Settings, Variant, flatten};
@@ -6,7 +9,7 @@ use super::file::SweepFile;
 use super::plan::PlanOptions;
 use super::spec::SegmentSpec;
 use crate::config::layers::Layers;
-use crate::config::types::Config;
+use crate::config::types::{Config, SegmentConfig};
 use crate::config::{PRESETS, RESERVED_VARIABLES};
 use crate::method;
 use crate::words::plain;
@@ -15,6 +18,8 @@ use toml::{Table, Value};
 
 /// Prefix of the keys that say how segments are measured.
 const SEGMENTS: &str = "segments.";
+/// Section of the configuration that says how a scene becomes segments.
+const SEGMENT: &str = "segment";
 
 /// What every variant starts from: the sweep file and what the command line sets.
 pub(super) struct Base<'a> {
@@ -26,7 +31,7 @@ pub(super) struct Base<'a> {
 /// A variant's configuration.
 pub(super) struct Resolved {
     pub config: Config,
-    /// The same as TOML text, with every key.
+    /// The same as TOML text, with every key but those of segmentation.
     pub toml: String,
     pub segments: Option<SegmentSpec>,
 }
@@ -47,10 +52,12 @@ impl Base<'_> {
             .sets(self.options.set.iter().filter(|s| !s.starts_with(SEGMENTS)).cloned())
             .sets(assignments(&variant.settings))
             .sets([format!("seed={seed}")]);
-        let resolved = layers.resolve::<Config>().map_err(|e| bad(e.to_string()))?;
+        let mut resolved = layers.resolve::<Config>().map_err(|e| bad(e.to_string()))?;
         method::check_new(&resolved.value).map_err(|e| bad(e.to_string()))?;
+        resolved.table.remove(SEGMENT);
         let toml = resolved.to_toml().map_err(|e| bad(e.to_string()))?;
-        let segments = self.segments(&set, &variant.settings).map_err(&bad)?;
+        let config = &resolved.value.segment;
+        let segments = self.segments(&set, &variant.settings, config).map_err(&bad)?;
         if let Some(spec) = &segments {
             spec.options(seed).map_err(&bad)?;
             let name = &resolved.value.method;
@@ -61,8 +68,13 @@ impl Base<'_> {
         Ok(Resolved { config: resolved.value, toml, segments })
     }
 
-    /// `[segments]` with the keys of the sweep, the command line and the variant on top.
-    fn segments(&self, set: &Settings, variant: &Settings) -> Result<Option<SegmentSpec>, String> {
+    /// `[segments]` with the keys of the sweep, the command line and the variant on top, and `[segment]`.
+    fn segments(
+        &self,
+        set: &Settings,
+        variant: &Settings,
+        config: &SegmentConfig,
+    ) -> Result<Option<SegmentSpec>, String> {
         let mut table = self.file.segments.clone();
         let command_line = self.options.set.iter().filter_map(|s| {
             let (key, value) = s.split_once('=')?;
@@ -76,8 +88,12 @@ impl Base<'_> {
             }
         }
         let read = |t: Table| {
+            if t.contains_key(SEGMENT) {
+                return Err("segments.segment: options of segmentation have keys of their own, segment.*".to_owned());
+            }
             let spec = t.try_into().map_err(|e: toml::de::Error| format!("segments: {}", plain(e.message())));
             let mut spec: SegmentSpec = spec?;
+            spec.segment = config.clone();
             let base = self.path.parent().unwrap_or(Path::new(""));
             spec.place(base).map_err(|e| format!("segments: {e}"))?;
             Ok::<_, String>(spec)

@@ -1,10 +1,10 @@
 //! How segmentation is measured in a sweep: the keys `segments.*` of variants, which are not keys of training.
 
+use crate::config::types::SegmentConfig;
+use crate::config::types::segment::MaskScale;
 use crate::data::paths::Axis;
 use crate::eval::segments::{Method, SegmentOptions};
 use crate::segment::baselines::saga::SagaOptions;
-use crate::segment::coarse::CoarseOptions;
-use crate::segment::fine::train::{FineOptions, MARGIN, repulsion};
 use crate::segment::masks::origin::MaskKind;
 use crate::segment::masks::origin::SAM_POINTS;
 use crate::segment::masks::sam::checkpoint;
@@ -52,21 +52,24 @@ pub struct SegmentSpec {
     pub clicks: usize,
     /// Number of colours; suggested from the data if not given.
     pub clusters: Option<usize>,
-    /// Training steps of the affinity field.
-    pub fine_steps: usize,
+    /// Training steps of the affinity field; those of `segment.affinity` if not given.
+    pub fine_steps: Option<usize>,
     /// Training steps of SAGA.
     pub saga_steps: usize,
-    /// Pixels per step of the affinity field; 8192 in the paper.
-    pub pixels: usize,
-    /// Margin of the contrastive loss; -1 is the paper's loss, without one.
-    pub margin: f32,
-    /// Scale that a step uses: one drawn for all (drawn), or that of each Gaussian's own mask, as in the paper (own).
-    pub mask_scale: String,
+    /// Pixels per step of the affinity field; those of `segment.affinity` if not given.
+    pub pixels: Option<usize>,
+    /// Margin of the contrastive loss; that of `segment.affinity` if not given.
+    pub margin: Option<f32>,
+    /// Scale that a step uses; that of `segment.affinity` if not given.
+    pub mask_scale: Option<MaskScale>,
+    /// The resolved options of segmentation, `segment.*`, which are not keys of this section.
+    #[serde(skip_serializing_if = "SegmentConfig::is_default")]
+    pub segment: SegmentConfig,
 }
 
 impl Default for SegmentSpec {
     fn default() -> Self {
-        let SegmentOptions { time, clicks, oracle, views, fine, saga, .. } = SegmentOptions::default();
+        let SegmentOptions { time, clicks, oracle, views, saga, .. } = SegmentOptions::default();
         Self {
             method: "coarse+fine".into(),
             masks: "regions".into(),
@@ -82,11 +85,12 @@ impl Default for SegmentSpec {
             oracle,
             clicks,
             clusters: None,
-            fine_steps: fine.steps,
+            fine_steps: None,
             saga_steps: saga.steps,
-            pixels: fine.pixels,
-            margin: MARGIN,
-            mask_scale: "drawn".into(),
+            pixels: None,
+            margin: None,
+            mask_scale: None,
+            segment: SegmentConfig::default(),
         }
     }
 }
@@ -106,11 +110,12 @@ impl SegmentSpec {
         if bias.is_some() && masks == MaskKind::Labels {
             return Err("segments.bias: label images have the dataset's own views; use other masks".into());
         }
+        let config = self.config();
         let counts = [
             ("views", self.views),
             ("clicks", self.clicks),
-            ("fine_steps", self.fine_steps),
-            ("pixels", self.pixels),
+            ("fine_steps", config.affinity.steps),
+            ("pixels", config.affinity.pixels),
             ("sam_points", self.sam_points),
             ("saga_steps", self.saga_steps),
         ];
@@ -120,7 +125,7 @@ impl SegmentSpec {
         let limits = [
             ("views", self.views, MAX_VIEWS),
             ("clicks", self.clicks, 1000),
-            ("pixels", self.pixels, MAX_PIXELS),
+            ("pixels", config.affinity.pixels, MAX_PIXELS),
             ("sam_points", self.sam_points, MAX_POINTS),
         ];
         if let Some((key, n, max)) = limits.into_iter().find(|(_, n, max)| n > max) {
@@ -129,8 +134,8 @@ impl SegmentSpec {
         if let Some(clusters) = self.clusters.filter(|n| !(1..=MAX_COLOURS).contains(n)) {
             return Err(format!("segments.clusters = {clusters}: must be from 1 to {MAX_COLOURS}"));
         }
-        if !(self.margin.is_finite() && (-1.0..=1.0).contains(&self.margin)) {
-            return Err(format!("segments.margin = {}: must be a cosine, from -1 to 1", self.margin));
+        if let Some(margin) = self.margin.filter(|margin| !(-1.0..=1.0).contains(margin)) {
+            return Err(format!("segments.margin = {margin}: must be a cosine, from -1 to 1"));
         }
         if !(0.0..=1.0).contains(&self.time) {
             return Err(format!("segments.time: {} is not in [0, 1]", self.time));
@@ -138,7 +143,6 @@ impl SegmentSpec {
         if !(self.bias_angle > 0.0 && self.bias_angle <= 180.0) {
             return Err(format!("segments.bias_angle: {} is not in (0, 180]", self.bias_angle));
         }
-        let mask_scale = self.mask_scale.parse().map_err(|e| format!("segments.mask_scale: {e}"))?;
         let unions = self.score.iter().map(|text| text.parse().map_err(|e| format!("segments.score: {e}")));
         Ok(SegmentOptions {
             time: self.time,
@@ -150,18 +154,23 @@ impl SegmentSpec {
             masks,
             views: self.views,
             bias: bias.map(|axis| (axis, self.bias_angle.to_radians())),
-            coarse: CoarseOptions { clusters: self.clusters, seed, ..CoarseOptions::default() },
-            fine: FineOptions {
-                steps: self.fine_steps,
-                pixels: self.pixels,
-                repulsion: repulsion(self.margin),
-                mask_scale,
-                seed,
-                ..FineOptions::default()
-            },
+            config,
+            seed,
             saga: SagaOptions { steps: self.saga_steps, seed, ..SagaOptions::default() },
             mask_alpha: None,
         })
+    }
+
+    /// The options of segmentation, with those of this section.
+    pub(super) fn config(&self) -> SegmentConfig {
+        let mut config = self.segment.clone();
+        config.colour.clusters = self.clusters.unwrap_or(config.colour.clusters);
+        let affinity = &mut config.affinity;
+        affinity.steps = self.fine_steps.unwrap_or(affinity.steps);
+        affinity.pixels = self.pixels.unwrap_or(affinity.pixels);
+        affinity.margin = self.margin.unwrap_or(affinity.margin);
+        affinity.mask_scale = self.mask_scale.unwrap_or(affinity.mask_scale);
+        config
     }
 
     /// Makes paths absolute that are relative to `base`, the folder of the sweep file.

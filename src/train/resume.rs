@@ -1,6 +1,7 @@
 //! Which keys of a configuration may change when a run resumes from a checkpoint.
 //!
-//! Logs, evaluations, checkpoints and the moving average affect no step, so `output.*` and `optim.average` may change.
+//! Logs, evaluations, checkpoints, the moving average and segmentation affect no step, so `output.*`, `optim.average` and
+//! `segment.*` may change.
 //! `stages.joint_steps` may grow: a trained run can be lengthened. The schedules then follow the new length from the
 //! next step on (a rate that had fallen to its end rises to its value in the longer schedule, and a late DSSIM moves to
 //! the new end), so a lengthened run differs from a run of that length from the start.
@@ -72,7 +73,7 @@ pub fn changes(was: &str, now: &str, step: usize) -> Result<(Vec<Change>, Vec<Ch
 }
 
 fn refusal(key: &str, before: Option<&Value>, after: Option<&Value>, step: usize) -> Option<String> {
-    if key.starts_with("output.") || [AVERAGE, VGG].contains(&key) {
+    if ["output.", "segment."].iter().any(|section| key.starts_with(section)) || [AVERAGE, VGG].contains(&key) {
         return None;
     }
     if key == LENGTH {
@@ -125,12 +126,16 @@ mod tests {
         assert_eq!((moved[0].key.as_str(), refused.len()), ("insitunet.vgg", 0), "the file may have moved");
         let more = text(|c| {
             c.output.log_every = 7;
+            c.segment.layers.join = false;
             c.optim.average = 500;
             c.stages.joint_steps += 500;
         });
         let (allowed, refused) = changes(&base, &more, 5).unwrap();
         assert_eq!(refused, []);
-        assert_eq!(allowed.iter().map(|c| c.key.as_str()).collect::<Vec<_>>(), [AVERAGE, "output.log_every", LENGTH]);
+        assert_eq!(
+            allowed.iter().map(|c| c.key.as_str()).collect::<Vec<_>>(),
+            [AVERAGE, "output.log_every", "segment.layers.join", LENGTH]
+        );
         let (_, refused) = changes(&more, &base, 5).unwrap();
         assert!(refused[0].to_string().contains("not shortened"), "{}", refused[0]);
         let other = text(|c| {

@@ -253,7 +253,8 @@ impl Client {
         let view = self.view.as_ref().ok_or_else(|| RunError::input("nothing is shown yet"))?;
         let look = usable(space, view).look(&space.run)?;
         let at = look.selection().at(&space.run.scene, view.time as f32)?;
-        place((&at, space.run.scene.spec.rendering()), &view.camera(1.0), pixel, view.time, &space.device)
+        let click = &space.run.config.segment.click;
+        place((&at, space.run.scene.spec.rendering()), &view.camera(1.0), pixel, click, view.time, &space.device)
     }
 
     /// Repeats the last click, with another meaning.
@@ -284,7 +285,7 @@ impl Client {
         let known =
             self.clicked.as_ref().map(|(_, c)| &c.picked.levels).filter(|_| matches!(meaning, Some(Asked::By { .. })));
         let list = known.is_none();
-        let options = PickOptions { meaning: meaning.map_or(Meaning::Likeliest, of), keep_strays: false, list };
+        let options = PickOptions { meaning: meaning.map_or(Meaning::Likeliest, of), list };
         let mut picked = clicking.select(&hit, &options)?;
         if let Some(levels) = known {
             picked.levels.clone_from(levels);

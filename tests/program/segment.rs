@@ -27,6 +27,14 @@ fn a_run_is_segmented_split_and_tracked_through_time() {
     assert_eq!(found.len(), 2);
     assert_eq!(names(&segments), ["coarse.png", "segments.safetensors"]);
     refused(volseggs().current_dir(root).args(["segment", "coarse", "run"]), &["--replace"]);
+    for (set, needles) in [
+        ("loss.tv=0", &["--set loss.tv=0", "segment."][..]),
+        ("segment.layers.egde=0", &["segment.layers.edge"]),
+        ("segment.layers.edge=7", &["segment.layers.edge = 7", "from 0 to 1"]),
+    ] {
+        let arguments = ["segment", "coarse", "run", "--replace", "--set", set];
+        refused(volseggs().current_dir(root).args(arguments), needles);
+    }
     // refused before anything is opened: there is no run of this name
     let layers = ["segment", "coarse", "nowhere", "--space", "rgb", "--keep-surface-layers"];
     refused(volseggs().current_dir(root).args(layers), &["--keep-surface-layers", "--space material"]);

@@ -2,16 +2,17 @@
 
 use super::super::camera::surroundings;
 use super::super::data::DataArgs;
+use super::super::settings::{SegmentSettings, put};
 use super::super::time::TimeArg;
 use super::super::values::{count, fraction_f32, positive_f32};
 use super::super::{CliError, Common, command_line, print_json};
+use crate::config::types::segment::{ColourConfig, ColourSpace};
 use crate::files::Work;
-use crate::points::outliers::OutlierConfig;
 use crate::run::OpenRun;
 use crate::run::segments::{RunSegments, SHOWN, sheet, write_picture};
-use crate::segment::coarse::{Coarse, CoarseOptions, ColourSpace};
+use crate::segment::coarse::Coarse;
 use crate::segment::segmentation::Segmentation;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -26,26 +27,28 @@ pub struct CoarseArgs {
     /// Time at which colours are grouped and outliers are found: in [0, 1], or a time of the data, such as data:150.
     #[arg(long, value_name = "T", default_value_t = TimeArg::Scene(0.5), allow_negative_numbers = true)]
     time: TimeArg,
-    /// Number of colours; suggested from the data if not given.
+    /// Number of colours (`segment.colour.clusters`); suggested from the data by default.
     #[arg(long, value_name = "K", value_parser = count)]
     clusters: Option<usize>,
-    /// Space in which colours are compared.
-    #[arg(long, value_enum, default_value_t = Space::Material)]
-    space: Space,
-    /// Gaussians less opaque than this do not define colours; those that are so at all times belong to no segment.
-    #[arg(long, default_value_t = 0.02, value_name = "ALPHA", value_parser = fraction_f32)]
-    min_opacity: f32,
+    /// Space in which colours are compared (`segment.colour.space`) [default: material].
+    #[arg(long, value_enum)]
+    space: Option<ColourSpace>,
+    /// Gaussians less opaque than this do not define colours; those that are so at all times belong to no segment
+    /// (`segment.colour.min_opacity`) [default: 0.02].
+    #[arg(long, value_name = "ALPHA", value_parser = fraction_f32)]
+    min_opacity: Option<f32>,
     /// Keep the surface layers of objects, in the colours that a transfer function gives their flanks, as separate
-    /// segments.
+    /// segments (`segment.layers.join = false`).
     #[arg(long, alias = "keep-skins", conflicts_with = "clusters")]
     keep_surface_layers: bool,
-    /// Keep Gaussians without neighbours.
+    /// Keep Gaussians without neighbours (`segment.colour.outliers = false`).
     #[arg(long)]
     keep_outliers: bool,
-    /// Radius in which neighbours are counted, scene units; derived from the scene's spacing if not given.
+    /// Radius in which neighbours are counted, scene units; derived from the scene's spacing by default
+    /// (`segment.colour.outlier_radius`).
     #[arg(long, value_name = "R", value_parser = positive_f32, conflicts_with = "keep_outliers")]
     radius: Option<f32>,
-    /// Minimum number of neighbours of a Gaussian.
+    /// Minimum number of neighbours of a Gaussian (`segment.colour.outlier_neighbours`) [default: 8].
     #[arg(long, value_name = "N", conflicts_with = "keep_outliers")]
     min_neighbours: Option<u32>,
     /// Seed of the clustering.
@@ -54,6 +57,8 @@ pub struct CoarseArgs {
     /// Replace all existing segments.
     #[arg(long)]
     replace: bool,
+    #[command(flatten)]
+    settings: SegmentSettings,
     #[command(flatten)]
     data: DataArgs,
     #[command(flatten)]
@@ -75,25 +80,16 @@ struct Report<'a> {
     not_finite: usize,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Space {
-    /// The colour of the material, regardless of its shading: hue first.
-    Material,
-    /// The mean colour as displayed, as in the paper; shading forms groups as well.
-    Rgb,
-    /// The mean colour in CIE Lab, with perceptual distances.
-    Lab,
-}
-
 impl CoarseArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        if self.keep_surface_layers && self.space != Space::Material {
-            return Err(CliError::input(
-                "--keep-surface-layers: only --space material joins surface layers to bodies; omit one of the two",
-            ));
-        }
+        self.check(self.space.unwrap_or(ColourSpace::Material))?;
         let (_, device) = self.common.device()?;
         let run = self.data.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?)?;
+        let run = self.settings.of(run)?;
+        let mut config = run.config.segment.clone();
+        self.set(&mut config.colour);
+        self.check(config.colour.space)?;
+        config.layers.join &= !self.keep_surface_layers;
         let around = surroundings(&run, None)?;
         let time = self.time.of("--time", run.calibration())?;
         let n = run.scene.gaussians.count();
@@ -113,24 +109,13 @@ impl CoarseArgs {
                 run.paths().segments().display()
             )));
         }
-        let mut outliers = OutlierConfig { radius: self.radius, ..OutlierConfig::default() };
-        outliers.min_neighbours = self.min_neighbours.unwrap_or(outliers.min_neighbours);
-        let options = CoarseOptions {
-            clusters: self.clusters,
-            space: match self.space {
-                Space::Material => ColourSpace::Material,
-                Space::Rgb => ColourSpace::Rgb,
-                Space::Lab => ColourSpace::Lab,
-            },
-            min_opacity: self.min_opacity,
-            keep_surface_layers: self.keep_surface_layers,
-            outliers: (!self.keep_outliers).then_some(outliers),
-            seed: self.seed,
-        };
         let at = run.scene.host_at(time as f32);
-        let found = segments.coarse(&run, &at, time, &options)?;
+        let found = segments.coarse(&run, &at, time, &config, self.seed)?;
         if found.palette.is_empty() {
-            return Err(CliError::input(format!("no segments found: of {n} Gaussians, {}", self.left_out(&found))));
+            return Err(CliError::input(format!(
+                "no segments found: of {n} Gaussians, {}",
+                left_out(&found, &config.colour)
+            )));
         }
         segments.save()?;
         let all = segments.now();
@@ -144,24 +129,41 @@ impl CoarseArgs {
         for segment in &all.segments {
             outln!("{:20} {:>8} Gaussians", segment.name, segment.members.len());
         }
-        errln!("{in_segments} of {n} Gaussians are in segments; {}", self.left_out(&found));
+        errln!("{in_segments} of {n} Gaussians are in segments; {}", left_out(&found, &config.colour));
         let shown = if all.segments.len() > SHOWN { format!(" of the first {SHOWN}") } else { String::new() };
         errln!("pictures{shown}: {}", path.display());
         Ok(())
     }
 
-    /// The reasons why Gaussians are in no segment, with their numbers.
-    fn left_out(&self, found: &Coarse) -> String {
-        let mut parts = vec![
-            format!(
-                "{} are too transparent at all times (below --min-opacity {})",
-                found.transparent, self.min_opacity
-            ),
-            format!("{} are outliers (few neighbours, and touching few; --keep-outliers keeps them)", found.outliers),
-        ];
-        if found.not_finite > 0 {
-            parts.push(format!("{} have a non-finite position or colour", found.not_finite));
+    /// Refuses what would have no effect in a space of colours.
+    fn check(&self, space: ColourSpace) -> Result<(), CliError> {
+        match self.keep_surface_layers && space != ColourSpace::Material {
+            false => Ok(()),
+            true => Err(CliError::input(
+                "--keep-surface-layers: only --space material joins surface layers to bodies; omit one of the two",
+            )),
         }
-        parts.join(", ")
     }
+
+    /// Sets the keys of options that were given.
+    fn set(&self, to: &mut ColourConfig) {
+        put(&mut to.clusters, self.clusters);
+        put(&mut to.space, self.space);
+        put(&mut to.min_opacity, self.min_opacity);
+        put(&mut to.outlier_radius, self.radius);
+        put(&mut to.outlier_neighbours, self.min_neighbours);
+        to.outliers &= !self.keep_outliers;
+    }
+}
+
+/// The reasons why Gaussians are in no segment, with their numbers.
+fn left_out(found: &Coarse, config: &ColourConfig) -> String {
+    let mut parts = vec![
+        format!("{} are too transparent at all times (below --min-opacity {})", found.transparent, config.min_opacity),
+        format!("{} are outliers (few neighbours, and touching few; --keep-outliers keeps them)", found.outliers),
+    ];
+    if found.not_finite > 0 {
+        parts.push(format!("{} have a non-finite position or colour", found.not_finite));
+    }
+    parts.join(", ")
 }

@@ -2,6 +2,7 @@
 
 use super::super::camera::surroundings;
 use super::super::data::DataArgs;
+use super::super::settings::SegmentSettings;
 use super::super::time::TimeArg;
 use super::super::values::{count, pixels};
 use super::super::{CliError, Common, command_line, print_json, stop_flag};
@@ -60,6 +61,8 @@ pub struct MasksArgs {
     #[arg(long)]
     replace: bool,
     #[command(flatten)]
+    settings: SegmentSettings,
+    #[command(flatten)]
     data: DataArgs,
     #[command(flatten)]
     common: Common,
@@ -83,6 +86,7 @@ impl MasksArgs {
         let kind = self.kind()?;
         let (_, device) = self.common.device()?;
         let run = self.data.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long)?)?;
+        let run = self.settings.of(run)?;
         let path = run.paths().masks();
         if path.exists() && !self.pictures && !self.replace {
             return Err(CliError::input(format!(

@@ -2,9 +2,11 @@
 
 use super::super::camera::{ViewArgs, surroundings};
 use super::super::data::DataArgs;
+use super::super::settings::SegmentSettings;
 use super::super::time::TimeArg;
 use super::super::values::{cosine_f32, count, fraction_f32};
 use super::super::{CliError, Common, command_line, print_json};
+use crate::config::types::segment::LevelsConfig;
 use crate::data::Camera;
 use crate::files::Work;
 use crate::name::Name;
@@ -55,9 +57,11 @@ pub struct PickArgs {
     /// Minimum cosine between the affinity features of the click and of what it selects, instead of a level.
     #[arg(long, value_parser = cosine_f32)]
     threshold: Option<f32>,
-    /// Keep small pieces that do not touch the rest.
+    /// Keep small pieces that do not touch the rest (`segment.pieces.strays = false`).
     #[arg(long)]
     keep_strays: bool,
+    #[command(flatten)]
+    settings: SegmentSettings,
     #[command(flatten)]
     data: DataArgs,
     #[command(flatten)]
@@ -136,12 +140,11 @@ fn level(text: &str) -> Result<Meaning, String> {
 
 impl PickArgs {
     /// The meaning of the click according to the options.
-    fn meaning(&self) -> Meaning {
-        let (scale, threshold) = Meaning::BY_HAND;
+    fn meaning(&self, levels: &LevelsConfig) -> Meaning {
         match (self.level, self.scale, self.threshold) {
             (Some(level), _, _) => level,
             (None, None, None) => Meaning::Likeliest,
-            (None, s, t) => Meaning::By { scale: s.unwrap_or(scale), threshold: t.unwrap_or(threshold) },
+            (None, s, t) => Meaning::By { scale: s.unwrap_or(levels.scale), threshold: t.unwrap_or(levels.cosine) },
         }
     }
 
@@ -179,7 +182,8 @@ impl PickArgs {
             Some(_) => OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?,
             None => OpenRun::open(&self.run, &device)?,
         };
-        let run = self.data.of(run)?;
+        let mut run = self.settings.of(self.data.of(run)?)?;
+        run.config.segment.pieces.strays &= !self.keep_strays;
         let mut segments = RunSegments::open(&run)?;
         let (camera, view_time) = self.seen_from(&run)?;
         let all = segments.now().clone();
@@ -198,8 +202,8 @@ impl PickArgs {
         let hit = clicking.hit(&camera, [x, y], self.within.as_deref()).map_err(click)?;
         let (mut made, mut picked) = (None, None);
         if wants {
-            let (meaning, keep_strays, list) = (self.meaning(), self.keep_strays, self.levels);
-            let found = clicking.select(&hit, &PickOptions { meaning, keep_strays, list });
+            let (meaning, list) = (self.meaning(&run.config.segment.levels), self.levels);
+            let found = clicking.select(&hit, &PickOptions { meaning, list });
             picked = Some(found.map_err(|e| match e {
                 ClickError::Level { .. } => CliError::input(format!("--{e}; list them with --levels")),
                 other => click(other),

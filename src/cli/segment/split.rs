@@ -2,6 +2,7 @@
 
 use super::super::camera::surroundings;
 use super::super::data::DataArgs;
+use super::super::settings::SegmentSettings;
 use super::super::values::{count, fraction_f32};
 use super::super::{CliError, Common, command_line, print_json};
 use crate::files::Work;
@@ -28,7 +29,7 @@ pub struct SplitArgs {
     /// Number of parts; determined from the density of the features if not given.
     #[arg(long, value_name = "K", value_parser = count)]
     clusters: Option<usize>,
-    /// Keep small pieces that do not touch the rest of their part.
+    /// Keep small pieces that do not touch the rest of their part (`segment.pieces.strays = false`).
     #[arg(long)]
     keep_strays: bool,
     /// Seed of the clustering.
@@ -37,6 +38,8 @@ pub struct SplitArgs {
     /// Also remove segments that were picked in the parts of an earlier split.
     #[arg(long)]
     replace: bool,
+    #[command(flatten)]
+    settings: SegmentSettings,
     #[command(flatten)]
     data: DataArgs,
     #[command(flatten)]
@@ -47,15 +50,12 @@ impl SplitArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
         let run = self.data.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?)?;
+        let mut run = self.settings.of(run)?;
+        run.config.segment.pieces.strays &= !self.keep_strays;
         let around = surroundings(&run, None)?;
         let mut segments = RunSegments::open(&run)?;
-        let options = SplitOptions {
-            scale: self.scale,
-            clusters: self.clusters,
-            keep_strays: self.keep_strays,
-            seed: self.seed,
-            replace: self.replace,
-        };
+        let options =
+            SplitOptions { scale: self.scale, clusters: self.clusters, seed: self.seed, replace: self.replace };
         let parts = split(&run, &mut segments, &self.segment, &options, &device, &|| true)?;
         let parts = parts.ok_or_else(|| CliError::failure("stopped; nothing was written"))?;
         segments.save()?;

@@ -19,8 +19,9 @@ pub fn schema<T: JsonSchema>() -> Json {
 pub fn file_schema<T: JsonSchema + Serialize>(defaults: &T) -> Json {
     let mut schema = schema::<T>();
     relax(&mut schema);
-    // a value that cannot be written as JSON leaves the schema without built-in values
-    fill(&mut schema, &serde_json::to_value(defaults).unwrap_or_default());
+    // a value that cannot be written as TOML leaves the schema without built-in values
+    let defaults = super::to_table(defaults, &View::root(&schema)).unwrap_or_default();
+    fill(&mut schema, "", &serde_json::to_value(defaults).unwrap_or_default());
     if let Some(properties) = schema.get_mut("properties").and_then(Json::as_object_mut) {
         let description = "File or preset whose values this file starts from.";
         properties.insert("extends".into(), serde_json::json!({ "type": "string", "description": description }));
@@ -39,27 +40,21 @@ fn relax(node: &mut Json) {
     }
 }
 
-/// Writes the built-in value of each key into the schema, replacing the default used for files that predate the key.
-fn fill(schema: &mut Json, defaults: &Json) {
+/// Writes the built-in value of each key of the section at the JSON pointer `section` into the schema, replacing the
+/// default used for files that predate the key. Sections have none of their own.
+fn fill(schema: &mut Json, section: &str, defaults: &Json) {
     for (name, value) in defaults.as_object().into_iter().flatten() {
-        let properties = format!("/properties/{name}");
-        let section = schema.pointer(&properties).and_then(|p| p.get("$ref")).and_then(Json::as_str);
+        // the section of another method is absent unless it is used
+        let Some(Json::Object(node)) = schema.pointer_mut(&format!("{section}/properties/{name}")) else { continue };
         // a reference has the form `#/$defs/Name`, which is a pointer after its first character
-        match section.and_then(|s| s.strip_prefix('#')).map(str::to_owned) {
-            Some(section) => {
-                for (key, value) in value.as_object().into_iter().flatten() {
-                    set_default(schema, &format!("{section}/properties/{key}"), value);
-                }
+        let reference = node.get("$ref").and_then(Json::as_str).and_then(|r| r.strip_prefix('#')).map(str::to_owned);
+        match reference.filter(|_| value.is_object()) {
+            Some(inner) => {
+                node.remove("default");
+                fill(schema, &inner, value);
             }
-            None => set_default(schema, &properties, value),
+            None => drop(node.insert("default".into(), value.clone())),
         }
-    }
-}
-
-fn set_default(schema: &mut Json, pointer: &str, value: &Json) {
-    // the section of another method is absent unless it is used
-    if let (Some(Json::Object(node)), false) = (schema.pointer_mut(pointer), value.is_null()) {
-        node.insert("default".into(), value.clone());
     }
 }
 

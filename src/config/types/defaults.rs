@@ -127,6 +127,7 @@ impl Default for Config {
                 keep: 2,
                 max_minutes: 0.0,
             },
+            segment: SegmentConfig::default(),
             d3dgs: None,
             coordnet: None,
             insitunet: None,

@@ -2,11 +2,10 @@
 
 use super::method::Method;
 use super::target::Union;
+use crate::config::types::SegmentConfig;
 use crate::data::DataError;
 use crate::data::paths::Axis;
 use crate::segment::baselines::saga::SagaOptions;
-use crate::segment::coarse::CoarseOptions;
-use crate::segment::fine::train::FineOptions;
 use crate::segment::masks::origin::MaskKind;
 
 /// What to evaluate.
@@ -30,10 +29,10 @@ pub struct SegmentOptions {
     pub views: usize,
     /// Take these views within an angle (radians) of an axis, instead of on the whole sphere.
     pub bias: Option<(Axis, f64)>,
-    /// How colours are found.
-    pub coarse: CoarseOptions,
-    /// Training of the affinity field.
-    pub fine: FineOptions,
+    /// The options of segmentation.
+    pub config: SegmentConfig,
+    /// Seed of the colours and of the affinity field.
+    pub seed: u64,
     /// Training of SAGA.
     pub saga: SagaOptions,
     /// Minimum alpha of a pixel of a mask; that of the dataset's masks if `None`.
@@ -53,8 +52,8 @@ impl Default for SegmentOptions {
             masks: MaskKind::Regions,
             views: 30,
             bias: None,
-            coarse: CoarseOptions::default(),
-            fine: FineOptions::default(),
+            config: SegmentConfig::default(),
+            seed: 0,
             saga: SagaOptions::default(),
             mask_alpha: None,
         }

@@ -7,7 +7,6 @@ use super::method::Method;
 use super::prompt::Prompt;
 use super::select::{Chosen, Scenery};
 use super::setting::{Setting, TRIES};
-use crate::segment::coarse::CoarseOptions;
 use std::time::Instant;
 
 /// Gain in fit that a further click must exceed.
@@ -18,14 +17,8 @@ const WORTH: f64 = 0.005;
 ///
 /// # Errors
 /// A message if the method failed.
-pub fn best(
-    scenery: Scenery<'_>,
-    method: Method,
-    coarse: &CoarseOptions,
-    prompt: &Prompt,
-    clicks: usize,
-) -> Result<Chosen, String> {
-    let tries: [Setting; TRIES] = Setting::tries(method, coarse);
+pub fn best(scenery: Scenery<'_>, method: Method, prompt: &Prompt, clicks: usize) -> Result<Chosen, String> {
+    let tries: [Setting; TRIES] = Setting::tries(method, scenery.config);
     let mut best: Option<Chosen> = None;
     let (mut click, mut seconds) = (Some(prompt.first()), f64::INFINITY);
     while let Some(place) = click.take() {

@@ -5,6 +5,7 @@
 
 use super::click::Click;
 use super::truth::Labelled;
+use crate::config::types::segment::ClickConfig;
 use crate::model::{HostGaussians, Rendering};
 use crate::rng::{Purpose, Rng};
 use crate::segment::click::{seen, under};
@@ -60,7 +61,7 @@ impl Prompt {
         views: &[Labelled],
         ids: &[u16],
         (at, rendering): (&HostGaussians, Rendering),
-        clicks: usize,
+        (clicks, config): (usize, &ClickConfig),
         device: &Device,
     ) -> Result<Option<Self>, ContributorsError> {
         let count = |v: &&Labelled| v.labels.iter().filter(|l| ids.contains(l)).count();
@@ -94,7 +95,7 @@ impl Prompt {
         let found = seen(at, settings, &chosen, device)?;
         let inside = chosen.iter().map(|&p| within[p as usize]).collect();
         let pixel = [(clicked % width) as u32, (clicked / width) as u32];
-        let first = Click { under: under(at, settings, pixel, device)? };
+        let first = Click { under: under(at, settings, pixel, config, device)? };
         let places = |within: &[bool]| {
             let (step, grid) = regular(within, width, height);
             let size = [width, height].map(|side| side.div_ceil(step));
@@ -263,7 +264,8 @@ mod tests {
         let camera = Camera::look_at(DVec3::new(0.0, -4.0, 0.0), DVec3::ZERO, DVec3::Z, 0.5, SIZE, SIZE);
         let view = LabelledView { name: "train/r_0".into(), path: "r_0.png".into(), camera, time: 0.5 };
         let views = [Labelled { view, labels: vec![3; (SIZE * SIZE) as usize] }];
-        let prompt = Prompt::new(&views, &[3], (&at, rendering()), 2, &device).unwrap().unwrap();
+        let prompt =
+            Prompt::new(&views, &[3], (&at, rendering()), (2, &ClickConfig::default()), &device).unwrap().unwrap();
         assert!(prompt.pixels.len() < (SIZE * SIZE) as usize, "selections are judged by a sample");
         let click = prompt.next(&selected).unwrap();
         let on = heaviest(&click.under, |_| true).unwrap() as usize;

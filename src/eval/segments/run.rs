@@ -46,13 +46,19 @@ pub fn evaluate_segments(
     let at = scene.host_at(time as f32);
     let trainers = Trainers { scene, truth, at: &at, views: &views, options, device: &device };
     let trained = trainers.train(time, work, &mut say)?;
-    let scenery = Scenery { at: &at, trained: &trained };
+    let scenery = Scenery { at: &at, trained: &trained, config: &options.config };
 
     let (mut clicked, mut not_seen) = (Vec::new(), Vec::new());
     for target in &targets {
         say(&format!("segment {}: clicks", target.name));
-        let prompt = Prompt::new(&views, &target.ids, (&at, scene.spec.rendering()), options.clicks, &device)
-            .map_err(|e| e.to_string())?;
+        let prompt = Prompt::new(
+            &views,
+            &target.ids,
+            (&at, scene.spec.rendering()),
+            (options.clicks, &options.config.click),
+            &device,
+        )
+        .map_err(|e| e.to_string())?;
         let Some(prompt) = prompt else {
             say(&format!(
                 "segment {}: not visible at time {time:.3}, so it cannot be clicked; try another --time",
@@ -75,7 +81,7 @@ pub fn evaluate_segments(
         time,
         masks: options.masks.name(),
         mask_views: trainers.mask_views(),
-        seed: options.fine.seed,
+        seed: options.seed,
         oracle_tries: if options.oracle { TRIES } else { 0 },
         volume_times: volume_times.clone(),
         palette: trained.coarse().palette.iter().map(|p| p.name.clone()).collect(),
@@ -176,17 +182,18 @@ fn choose(
     options: &SegmentOptions,
     (scene, time): (&Scene, f64),
 ) -> Result<Choice, SegmentEvalError> {
-    let setting = Setting::fixed(method, &options.coarse);
+    let setting = Setting::fixed(method, &options.config);
     let next = |members: &[u32]| prompt.next(&oracle::flags(members, scenery.at.len()));
     let mut fixed = fixed(scenery, (method, &setting), prompt.first(), options.clicks.max(1), next)?;
-    let best = || oracle::best(scenery, method, &options.coarse, prompt, options.clicks.max(1));
+    let best = || oracle::best(scenery, method, prompt, options.clicks.max(1));
     let mut oracle = options.oracle.then(best).transpose()?;
     if matches!(method, Method::Fine | Method::CoarseFine) {
         // as `segment pick` does, and the user waits for it
         for Chosen { selected, seconds, .. } in [Some(&mut fixed), oracle.as_mut()].into_iter().flatten() {
             let started = Instant::now();
             let within = scenery.searched(method, &selected.members);
-            selected.members = propagate(scene, &selected.members, &within, time).map_err(|e| e.to_string())?;
+            selected.members =
+                propagate(scene, &selected.members, &within, time, &options.config).map_err(|e| e.to_string())?;
             *seconds += started.elapsed().as_secs_f64();
         }
     }

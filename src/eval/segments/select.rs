@@ -5,6 +5,7 @@ use super::click::Click;
 use super::method::Method;
 use super::setting::Setting;
 use super::train::{Lifted, Trained};
+use crate::config::types::SegmentConfig;
 use crate::model::HostGaussians;
 use crate::segment::baselines::sagd;
 use crate::segment::candidates::Candidates;
@@ -84,6 +85,8 @@ pub struct Scenery<'a> {
     pub at: &'a HostGaussians,
     /// What the methods have learnt about them.
     pub trained: &'a Trained,
+    /// The options of all rules.
+    pub config: &'a SegmentConfig,
 }
 
 impl Scenery<'_> {
@@ -95,10 +98,10 @@ impl Scenery<'_> {
     pub fn select(&self, method: Method, setting: &Setting, click: &Click) -> Result<Selected, String> {
         let whole = |members| Selected { members, ..Selected::default() };
         let trained = self.trained;
-        let anything = || meant(&click.under, |_| None);
+        let anything = || meant(&click.under, self.config.click.majority, |_| None);
         match setting {
-            Setting::Coarse(options) => {
-                let colours = trained.colours.iter().find(|(o, _)| o == options).map(|(_, c)| c);
+            Setting::Coarse(colouring) => {
+                let colours = trained.colours.iter().find(|(of, _)| of == colouring).map(|(_, c)| c);
                 let colours = colours.ok_or("no colours were computed for this setting")?;
                 Ok(whole(self.colour(colours, click).map_or_else(Vec::new, |(_, members)| members)))
             }
@@ -116,7 +119,8 @@ impl Scenery<'_> {
                 let Some((clicked, within)) = on.or_else(|| Some((anything()?, all()))) else {
                     return Ok(Selected::default());
                 };
-                let of = Candidates::new(field, frame, &self.at.means, self.at, &within).of_segment(in_colour);
+                let of =
+                    Candidates::new(field, frame, &self.at.means, self.at, &within, self.config).of_segment(in_colour);
                 let picked = pick(&of, clicked, options).map_err(|e| e.to_string())?;
                 Ok(Selected { asked: Some((picked.scale, picked.threshold)), ..whole(picked.members) })
             }
@@ -150,7 +154,8 @@ impl Scenery<'_> {
 
     /// Returns the clicked Gaussian that has a colour, and all Gaussians of that colour.
     fn colour(&self, colours: &Coarse, click: &Click) -> Option<(u32, Vec<u32>)> {
-        let clicked = meant(&click.under, |i| Some(colours.labels[i as usize]).filter(|l| *l > 0))?;
+        let clicked =
+            meant(&click.under, self.config.click.majority, |i| Some(colours.labels[i as usize]).filter(|l| *l > 0))?;
         let label = colours.labels[clicked as usize];
         let of = || (0..).zip(&colours.labels).filter(|(_, l)| **l == label).map(|(i, _)| i).collect();
         (label > 0).then(|| (clicked, of()))

@@ -5,13 +5,15 @@ use super::super::prompt::Prompt;
 use super::super::train::{Lifted, Trained};
 use super::super::truth::Labelled;
 use super::*;
+use crate::config::types::SegmentConfig;
+use crate::config::types::segment::ClickConfig;
 use crate::data::Camera;
 use crate::data::truth::LabelledView;
 use crate::device::DeviceName;
 use crate::segment::balls::{APART, COUNT, rendering};
 use crate::segment::baselines::saga::{SagaOptions, train as train_saga};
 use crate::segment::baselines::sagd::SagdView;
-use crate::segment::coarse::{CoarseOptions, coarse};
+use crate::segment::coarse::coarse;
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::network::Frame;
 use glam::DVec3;
@@ -26,9 +28,9 @@ fn scene() -> (HostGaussians, Trained) {
     for (i, sh) in at.sh.chunks_exact_mut(3).enumerate() {
         sh.copy_from_slice(if i < COUNT { &[1.2, -1.2, -1.2] } else { &[-1.2, -1.2, 1.2] });
     }
-    let all = Setting::tries(Method::Coarse, &CoarseOptions::default());
+    let all = Setting::tries(Method::Coarse, &SegmentConfig::default());
     let colours = all.iter().filter_map(|setting| match setting {
-        Setting::Coarse(options) => Some((*options, coarse(&at, None, options).unwrap())),
+        Setting::Coarse(of) => Some((*of, coarse(&at, None, &of.within(&SegmentConfig::default()), 0).unwrap())),
         _ => None,
     });
     let field =
@@ -56,9 +58,10 @@ fn view(label: impl Fn(u32, u32) -> u16) -> Labelled {
 fn labels_outside_of_the_clicked_pixel_do_not_change_what_is_selected() {
     let device = DeviceName::all()[0].open().unwrap();
     let (at, trained) = scene();
-    let scenery = Scenery { at: &at, trained: &trained };
+    let config = SegmentConfig::default();
+    let scenery = Scenery { at: &at, trained: &trained, config: &config };
     let prompt = |labels: &dyn Fn(u32, u32) -> u16| {
-        Prompt::new(&[view(labels)], &[3], (&at, rendering()), 1, &device).unwrap().unwrap()
+        Prompt::new(&[view(labels)], &[3], (&at, rendering()), (1, &ClickConfig::default()), &device).unwrap().unwrap()
     };
     // a disc around where one of the balls is seen
     let whole = prompt(&|x, y| if x.abs_diff(12).pow(2) + y.abs_diff(20).pow(2) < 36 { 3 } else { 5 });
@@ -68,7 +71,7 @@ fn labels_outside_of_the_clicked_pixel_do_not_change_what_is_selected() {
     let others = prompt(&|i, j| if [i, j] == [x, y] { 3 } else { 4 + ((7 * i + 3 * j) % 5) as u16 });
     let mut chosen = 0;
     for method in Method::ALL {
-        let setting = Setting::fixed(method, &CoarseOptions::default());
+        let setting = Setting::fixed(method, &SegmentConfig::default());
         let of = |p: &Prompt| fixed(scenery, (method, &setting), p.first(), 1, |_| None).unwrap();
         let found = of(&whole);
         for other in [&alone, &others] {
@@ -81,7 +84,7 @@ fn labels_outside_of_the_clicked_pixel_do_not_change_what_is_selected() {
     }
     assert_eq!(chosen, 5, "each method selects something, so that there is something to compare");
     // the oracle does know the other labels
-    let best = |p: &Prompt| oracle::best(scenery, Method::Coarse, &CoarseOptions::default(), p, 1).unwrap().fit;
+    let best = |p: &Prompt| oracle::best(scenery, Method::Coarse, p, 1).unwrap().fit;
     assert_ne!(best(&whole), best(&alone));
 }
 
@@ -89,11 +92,14 @@ fn labels_outside_of_the_clicked_pixel_do_not_change_what_is_selected() {
 fn further_clicks_add_to_what_is_selected() {
     let device = DeviceName::all()[0].open().unwrap();
     let (at, trained) = scene();
-    let scenery = Scenery { at: &at, trained: &trained };
+    let config = SegmentConfig::default();
+    let scenery = Scenery { at: &at, trained: &trained, config: &config };
     // both balls are wanted
-    let prompt = Prompt::new(&[view(|_, _| 3)], &[3], (&at, rendering()), 2, &device).unwrap().unwrap();
+    let prompt = Prompt::new(&[view(|_, _| 3)], &[3], (&at, rendering()), (2, &ClickConfig::default()), &device)
+        .unwrap()
+        .unwrap();
     let [first, second] = [3, COUNT as u32 + 3].map(|i| Click { under: vec![(i, 1.0)] });
-    let setting = Setting::fixed(Method::Coarse, &CoarseOptions::default());
+    let setting = Setting::fixed(Method::Coarse, &SegmentConfig::default());
     let one = fixed(scenery, (Method::Coarse, &setting), first.clone(), 1, |_| Some(second.clone())).unwrap();
     let two = fixed(scenery, (Method::Coarse, &setting), first, 2, |_| Some(second.clone())).unwrap();
     assert_eq!((one.clicks, two.clicks), (1, 2));
@@ -106,7 +112,7 @@ fn further_clicks_add_to_what_is_selected() {
     // a click on nothing selects nothing
     let nowhere = Click { under: Vec::new() };
     for method in Method::ALL {
-        let setting = Setting::fixed(method, &CoarseOptions::default());
+        let setting = Setting::fixed(method, &SegmentConfig::default());
         let found = fixed(scenery, (method, &setting), nowhere.clone(), 1, |_| None).unwrap();
         assert_eq!(found.selected, Selected::default(), "{method}");
     }

@@ -1,8 +1,9 @@
 //! Settings of each method: the one fixed in advance, and the tries of the oracle, the same number for each method.
 
 use super::method::Method;
+use crate::config::types::SegmentConfig;
+use crate::config::types::segment::ColourSpace;
 use crate::segment::baselines::sagd::{MaskChoice, SagdOptions};
-use crate::segment::coarse::{CoarseOptions, ColourSpace};
 use crate::segment::pick::{Meaning, PickOptions, SagaPick};
 use std::fmt;
 
@@ -20,11 +21,36 @@ const COLOURS: [usize; 5] = [2, 3, 4, 6, 8];
 /// Number of colours, none of these, that replaces the one of them that equals the requested number.
 const SPARE: usize = 5;
 
+/// How colours are found: what the oracle tries of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Colouring {
+    /// Number of colours; 0 suggests it from the data.
+    pub clusters: usize,
+    /// Space in which colours are compared.
+    pub space: ColourSpace,
+}
+
+impl Colouring {
+    /// Returns that of a configuration.
+    #[must_use]
+    pub fn of(config: &SegmentConfig) -> Self {
+        Self { clusters: config.colour.clusters, space: config.colour.space }
+    }
+
+    /// Returns a configuration with this one.
+    #[must_use]
+    pub fn within(self, config: &SegmentConfig) -> SegmentConfig {
+        let mut config = config.clone();
+        (config.colour.clusters, config.colour.space) = (self.clusters, self.space);
+        config
+    }
+}
+
 /// A setting of a method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Setting {
     /// How colours are found.
-    Coarse(CoarseOptions),
+    Coarse(Colouring),
     /// An affinity field, of the scene or within a colour.
     Field(PickOptions),
     /// SAGA.
@@ -35,11 +61,11 @@ pub enum Setting {
 
 impl Setting {
     /// Returns the setting of a method that nobody has tuned: the default of `segment coarse` and `segment pick`; for
-    /// SAGA, what corresponds to it; for SAGD, the published one. `coarse` is how colours are found.
+    /// SAGA, what corresponds to it; for SAGD, the published one.
     #[must_use]
-    pub fn fixed(method: Method, coarse: &CoarseOptions) -> Self {
+    pub fn fixed(method: Method, config: &SegmentConfig) -> Self {
         match method {
-            Method::Coarse => Self::Coarse(*coarse),
+            Method::Coarse => Self::Coarse(Colouring::of(config)),
             Method::Fine | Method::CoarseFine => Self::Field(PickOptions::default()),
             Method::Saga => Self::Saga(SagaPick::default()),
             Method::Sagd => Self::Sagd(SagdOptions::default()),
@@ -50,17 +76,18 @@ impl Setting {
     /// combinations of three scales with four cosines; SAGA: all twelve combinations; SAGD: three choices of a mask
     /// with four fractions of the votes; `coarse`: six numbers of colours in two spaces. No two are equal.
     #[must_use]
-    pub fn tries(method: Method, coarse: &CoarseOptions) -> [Self; TRIES] {
+    pub fn tries(method: Method, config: &SegmentConfig) -> [Self; TRIES] {
+        let coarse = Colouring::of(config);
         std::array::from_fn(|i| match method {
             Method::Coarse => {
                 let clusters = match i / 2 {
                     0 => coarse.clusters,
-                    n if coarse.clusters == Some(COLOURS[n - 1]) => Some(SPARE),
-                    n => Some(COLOURS[n - 1]),
+                    n if coarse.clusters == COLOURS[n - 1] => SPARE,
+                    n => COLOURS[n - 1],
                 };
                 let other = if coarse.space == ColourSpace::Rgb { ColourSpace::Material } else { ColourSpace::Rgb };
                 let space = if i % 2 == 0 { coarse.space } else { other };
-                Self::Coarse(CoarseOptions { clusters, space, ..*coarse })
+                Self::Coarse(Colouring { clusters, space })
             }
             // the levels that the masks show replace the smallest scale with the lowest cosine
             Method::Fine | Method::CoarseFine if i == 0 => Self::Field(PickOptions::default()),
@@ -95,8 +122,8 @@ impl fmt::Display for Setting {
                     ColourSpace::Lab => "in Lab",
                 };
                 match c.clusters {
-                    Some(k) => write!(f, "{k} colours {space}"),
-                    None => write!(f, "suggested number of colours {space}"),
+                    0 => write!(f, "suggested number of colours {space}"),
+                    k => write!(f, "{k} colours {space}"),
                 }
             }
             Self::Field(p) => match p.meaning {
@@ -124,14 +151,15 @@ mod tests {
 
     #[test]
     fn the_tries_of_every_method_are_distinct_and_include_the_fixed_setting() {
-        for clusters in [None, Some(SPARE)].into_iter().chain(COLOURS.map(Some)) {
-            let coarse = CoarseOptions { clusters, ..CoarseOptions::default() };
+        for clusters in [0, SPARE].into_iter().chain(COLOURS) {
+            let mut config = SegmentConfig::default();
+            config.colour.clusters = clusters;
             for method in Method::ALL {
-                let tries = Setting::tries(method, &coarse);
+                let tries = Setting::tries(method, &config);
                 for (i, one) in tries.iter().enumerate() {
-                    assert!(!tries[..i].contains(one), "{method}, {clusters:?}: {one}");
+                    assert!(!tries[..i].contains(one), "{method}, {clusters}: {one}");
                 }
-                assert!(tries.contains(&Setting::fixed(method, &coarse)), "{method}, {clusters:?}");
+                assert!(tries.contains(&Setting::fixed(method, &config)), "{method}, {clusters}");
             }
         }
     }
@@ -139,14 +167,15 @@ mod tests {
     #[test]
     fn colours_are_tried_with_the_suggested_number_and_five_more() {
         let numbers = |clusters| {
-            let coarse = CoarseOptions { clusters, ..CoarseOptions::default() };
-            Setting::tries(Method::Coarse, &coarse).map(|setting| match setting {
+            let mut config = SegmentConfig::default();
+            config.colour.clusters = clusters;
+            Setting::tries(Method::Coarse, &config).map(|setting| match setting {
                 Setting::Coarse(options) => options.clusters,
                 other => panic!("{other}"),
             })
         };
-        let twice = |all: [Option<usize>; 6]| all.into_iter().flat_map(|k| [k, k]).collect::<Vec<_>>();
-        assert_eq!(numbers(None).to_vec(), twice([None, Some(2), Some(3), Some(4), Some(6), Some(8)]));
-        assert_eq!(numbers(Some(3)).to_vec(), twice([Some(3), Some(2), Some(5), Some(4), Some(6), Some(8)]));
+        let twice = |all: [usize; 6]| all.into_iter().flat_map(|k| [k, k]).collect::<Vec<_>>();
+        assert_eq!(numbers(0).to_vec(), twice([0, 2, 3, 4, 6, 8]));
+        assert_eq!(numbers(3).to_vec(), twice([3, 2, 5, 4, 6, 8]));
     }
 }

@@ -4,24 +4,25 @@
 
 use super::method::Method;
 use super::options::{SegmentEvalError, SegmentOptions};
-use super::setting::Setting;
+use super::setting::{Colouring, Setting};
 use super::truth::{Labelled, labelled};
+use crate::config::types::segment::ColourSpace;
 use crate::data::Truth;
 use crate::data::paths::{Lens, Sphere, biased, training_cameras};
 use crate::model::{HostGaussians, Scene};
 use crate::segment::baselines::saga::{self, SagaError, SagaModel};
 use crate::segment::baselines::sagd::SagdView;
-use crate::segment::coarse::{Coarse, CoarseOptions, ColourSpace, coarse};
+use crate::segment::coarse::{Coarse, coarse, other_times};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::network::Frame;
 use crate::segment::fine::train::{self as fine, FineError};
 use crate::segment::fine::views::{FineView, read_views};
+use crate::segment::masks::MaskReader;
 use crate::segment::masks::handout::write_pictures;
 use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
 use crate::segment::masks::origin::{MaskKind, MaskOrigin};
 use crate::segment::masks::source::sam::SamSource;
 use crate::segment::masks::source::{Found, Group, MaskSource, Seen, SourceError};
-use crate::segment::masks::{MaskReader, RegionOptions};
 use burn::tensor::Device;
 use std::collections::HashMap;
 use std::path::Path;
@@ -40,7 +41,7 @@ pub struct Lifted {
 /// What the methods have learnt before the clicks.
 pub struct Trained {
     /// Gaussians by colour: first as `segment coarse` finds them, then at the settings that the oracle tries.
-    pub colours: Vec<(CoarseOptions, Coarse)>,
+    pub colours: Vec<(Colouring, Coarse)>,
     /// Field trained on masks of each colour alone.
     pub parts: Option<Lifted>,
     /// Field trained on masks of the whole scene.
@@ -86,19 +87,22 @@ impl Trainers<'_> {
         say("coarse: colours");
         let started = Instant::now();
         // the tries differ in the number of colours and the space only: what materials need serves all
-        let materials = CoarseOptions { space: ColourSpace::Material, ..self.options.coarse };
-        let other_times = materials.other_times(self.scene, self.at);
-        let coloured =
-            |options: &CoarseOptions| coarse(self.at, Some(&other_times), options).map_err(|e| e.to_string());
-        let found = coloured(&self.options.coarse)?;
+        let (config, seed) = (&self.options.config, self.options.seed);
+        let own = Colouring::of(config);
+        let materials = Colouring { space: ColourSpace::Material, ..own }.within(config);
+        let other_times = other_times(self.scene, self.at, &materials);
+        let coloured = |colouring: Colouring| {
+            coarse(self.at, Some(&other_times), &colouring.within(config), seed).map_err(|e| e.to_string())
+        };
+        let found = coloured(own)?;
         let coarse_seconds = started.elapsed().as_secs_f64();
         seconds.insert(Method::Coarse, coarse_seconds);
-        let mut colours = vec![(self.options.coarse, found)];
+        let mut colours = vec![(own, found)];
         if self.wants(Method::Coarse) && self.options.oracle {
-            for setting in Setting::tries(Method::Coarse, &self.options.coarse) {
-                let Setting::Coarse(options) = setting else { continue };
-                if !colours.iter().any(|(known, _)| *known == options) {
-                    colours.push((options, coloured(&options)?));
+            for setting in Setting::tries(Method::Coarse, config) {
+                let Setting::Coarse(colouring) = setting else { continue };
+                if !colours.iter().any(|(known, _)| *known == colouring) {
+                    colours.push((colouring, coloured(colouring)?));
                 }
             }
         }
@@ -190,12 +194,13 @@ impl Trainers<'_> {
     }
 
     fn job<'b>(&'b self, groups: &'b [Group], shots: &'b [Shot], time: f64) -> MaskJob<'b> {
-        MaskJob { at: self.at, groups, shots, time, rendering: self.scene.spec.rendering(), device: self.device }
+        let (rendering, config) = (self.scene.spec.rendering(), &self.options.config.masks);
+        MaskJob { at: self.at, groups, shots, time, rendering, config, device: self.device }
     }
 
     fn origin(&self) -> MaskOrigin {
         match &self.options.masks {
-            MaskKind::Regions => MaskOrigin::Regions(RegionOptions::default()),
+            MaskKind::Regions => MaskOrigin::Regions,
             MaskKind::Labels => {
                 MaskOrigin::Labels(self.truth.clone(), self.labelled().map(|v| v.view.clone()).collect())
             }
@@ -212,7 +217,7 @@ impl Trainers<'_> {
         frame: &Frame,
     ) -> Result<(Vec<FineView>, Vec<f32>), String> {
         let members: Vec<Vec<u32>> = groups.iter().map(|g| g.members.clone()).collect();
-        let seed = self.options.fine.seed;
+        let seed = self.options.seed;
         let views =
             read_views(masks, (self.at, self.scene.spec.rendering()), frame, &members, seed, self.device, |_| {});
         views.map_err(|e| e.to_string())
@@ -225,8 +230,9 @@ impl Trainers<'_> {
         name: &str,
         say: &mut impl FnMut(&str),
     ) -> Result<Lifted, SegmentEvalError> {
-        say(&format!("{name}: {} steps", self.options.fine.steps));
-        let field = fine::train(views, &self.options.fine, self.device, |_, _| true).map_err(|e| match e {
+        let (config, seed) = (&self.options.config.affinity, self.options.seed);
+        say(&format!("{name}: {} steps", config.steps));
+        let field = fine::train(views, config, seed, self.device, |_, _| true).map_err(|e| match e {
             FineError::NoMasks => SegmentEvalError::Input(e.to_string()),
             e => SegmentEvalError::Failed(e.to_string()),
         })?;
@@ -314,8 +320,8 @@ pub fn write_mask_pictures(
     let device = scene.gaussians.means.val().device();
     let at = scene.host_at(time as f32);
     let trainers = Trainers { scene, truth, at: &at, views: &views, options, device: &device };
-    let other_times = options.coarse.other_times(scene, &at);
-    let coarse = coarse(&at, Some(&other_times), &options.coarse).map_err(|e| e.to_string())?;
+    let other_times = other_times(scene, &at, &options.config);
+    let coarse = coarse(&at, Some(&other_times), &options.config, options.seed).map_err(|e| e.to_string())?;
     let (parts, whole) = trainers.groups(&coarse);
     let groups = [parts, whole].concat();
     if groups.is_empty() {

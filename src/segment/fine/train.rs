@@ -2,82 +2,18 @@
 
 use super::network::{AffinityField, FEATURES};
 use super::views::FineView;
+use crate::config::types::segment::{AffinityConfig, MaskScale};
 use crate::model::params::to_vec;
 use crate::rng::{Purpose, Rng};
 use crate::train::optimizer::{AdamConstants, Optimizer};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
-use std::str::FromStr;
 use volseggs_kernels::contrast::{Repulsion, contrast};
 use volseggs_kernels::splat::contributors::Contributors;
 
-/// At which scale a step evaluates the field, and which of the masks that cover a pixel is used.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum MaskScale {
-    /// One scale per step, drawn uniformly from [0, 1]; a pixel uses the smallest covering mask not below it, or else
-    /// the largest. The field then learns the parts at each scale.
-    #[default]
-    Drawn,
-    /// As in the paper: a pixel uses any mask that covers it, and each Gaussian is evaluated at the scale of its own
-    /// mask. The masks of a view are put in a random order at each step, and a pixel uses the first that covers it; a
-    /// Gaussian's mask is the one to whose pixels it contributes most. Here too a scale is the rank of a mask's spread,
-    /// so that trained fields of both kinds are evaluated in the same way.
-    Own,
-}
-
-impl FromStr for MaskScale {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "drawn" => Ok(Self::Drawn),
-            "own" => Ok(Self::Own),
-            _ => Err(format!("\"{text}\" is neither drawn nor own")),
-        }
-    }
-}
-
-/// Default margin of the contrastive loss, a cosine.
-pub const MARGIN: f32 = 0.5;
-
 /// Returns how masks repel with `margin`, a cosine: -1 or less gives the paper's loss, which has none.
-#[must_use]
-pub fn repulsion(margin: f32) -> Repulsion {
+fn repulsion(margin: f32) -> Repulsion {
     if margin <= -1.0 { Repulsion::Cosine } else { Repulsion::Margin(margin) }
-}
-
-/// Options of [`train`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FineOptions {
-    /// Number of steps; 5,000 in the paper.
-    pub steps: usize,
-    /// Pixels per step; 8,192 in the paper. With a margin, time grows with their square.
-    pub pixels: usize,
-    /// Learning rate of Adam; 1e-3 in the paper.
-    pub rate: f64,
-    /// How pixels of different masks repel.
-    pub repulsion: Repulsion,
-    /// At which scales the field is evaluated.
-    pub mask_scale: MaskScale,
-    /// Weight of the hierarchy loss: pixels of one mask also attract at a random larger scale, so that a part stays
-    /// together within its whole; 0 disables it, as in the paper.
-    pub hierarchy: f64,
-    /// Seed of weights, views, scales and pixels.
-    pub seed: u64,
-}
-
-impl Default for FineOptions {
-    fn default() -> Self {
-        Self {
-            steps: 5000,
-            pixels: 2048,
-            rate: 1e-3,
-            repulsion: repulsion(MARGIN),
-            mask_scale: MaskScale::Drawn,
-            hierarchy: 0.0,
-            seed: 0,
-        }
-    }
 }
 
 /// Why training stopped.
@@ -96,14 +32,15 @@ pub enum FineError {
     },
 }
 
-/// Trains a field on views whose scales are ranked; `progress` receives each step and its loss, and stops training by
+/// Trains a field on views whose scales are ranked; `seed` is that of weights, views, scales and pixels. `progress` receives each step and its loss, and stops training by
 /// `false`.
 ///
 /// # Errors
 /// If there are no views, or a number is not finite.
 pub fn train(
     views: &[FineView],
-    options: &FineOptions,
+    options: &AffinityConfig,
+    seed: u64,
     device: &Device,
     mut progress: impl FnMut(usize, f64) -> bool,
 ) -> Result<AffinityField, FineError> {
@@ -111,10 +48,10 @@ pub fn train(
         return Err(FineError::NoMasks);
     }
     let device = device.clone().autodiff();
-    let mut field = AffinityField::new(options.seed, &device);
+    let mut field = AffinityField::new(seed, &device);
     let mut optimizer = Optimizer::new(AdamConstants { betas: [0.9, 0.999], epsilon: 1e-8, sh_rest: 1.0 });
     for step in 0..options.steps {
-        let mut rng = Rng::new(options.seed, step as u64, Purpose::AffinitySteps);
+        let mut rng = Rng::new(seed, step as u64, Purpose::AffinitySteps);
         let view = &views[rng.below(views.len())];
         let batch = Batch::draw(view, options, &mut rng);
         let (total, loss) = loss(&field, view, &batch, options);
@@ -147,7 +84,7 @@ struct Batch {
 }
 
 impl Batch {
-    fn draw(view: &FineView, options: &FineOptions, rng: &mut Rng) -> Self {
+    fn draw(view: &FineView, options: &AffinityConfig, rng: &mut Rng) -> Self {
         let n = view.globals.len();
         let (pixels, masks, scales) = match options.mask_scale {
             MaskScale::Drawn => {
@@ -194,7 +131,7 @@ fn own_scales(view: &FineView, pixels: &Contributors, masks: &[u32]) -> Vec<f32>
 }
 
 /// Returns the loss of a batch, and a tensor with the same gradient with respect to the field's parameters.
-fn loss(field: &AffinityField, view: &FineView, batch: &Batch, options: &FineOptions) -> (f64, Tensor<1>) {
+fn loss(field: &AffinityField, view: &FineView, batch: &Batch, options: &AffinityConfig) -> (f64, Tensor<1>) {
     let n = view.encoded.len() / super::network::ENCODED;
     let term = |scales: &[f32], repulsion: Repulsion, weight: f64| {
         let features = field.forward_each(&view.encoded, scales);
@@ -205,7 +142,7 @@ fn loss(field: &AffinityField, view: &FineView, batch: &Batch, options: &FineOpt
         // the sum of features times constant slopes has the slopes as its gradient
         (weight * out.loss, (features * slopes).sum() * weight)
     };
-    let (total, loss) = term(&batch.scales, options.repulsion, 1.0);
+    let (total, loss) = term(&batch.scales, repulsion(options.margin), 1.0);
     let Some(larger) = &batch.larger else { return (total, loss) };
     let (more, part) = term(larger, Repulsion::None, options.hierarchy);
     (total + more, loss + part)

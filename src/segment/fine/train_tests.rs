@@ -2,6 +2,8 @@
 //! input.
 
 use super::*;
+use crate::config::types::SegmentConfig;
+use crate::config::types::segment::ClickConfig;
 use crate::device::DeviceName;
 use crate::model::{HostGaussians, params};
 use crate::segment::balls::{APART, Balls, COUNT, TOUCHING, add, on_threads, rendering};
@@ -20,8 +22,8 @@ fn device() -> Device {
     DeviceName::all()[0].open().unwrap()
 }
 
-fn quick(steps: usize) -> FineOptions {
-    FineOptions { steps, pixels: 64, ..FineOptions::default() }
+fn quick(steps: usize) -> AffinityConfig {
+    AffinityConfig { steps, pixels: 64, ..AffinityConfig::default() }
 }
 
 /// Weights and biases, layer by layer, in f64.
@@ -52,12 +54,12 @@ struct Exact<'a> {
 }
 
 impl<'a> Exact<'a> {
-    fn new(view: &FineView, batch: &'a Batch, options: &FineOptions, width: usize) -> Self {
+    fn new(view: &FineView, batch: &'a Batch, options: &AffinityConfig, width: usize) -> Self {
         let inputs = |scales: &[f32]| -> Vec<f64> {
             let rows = view.encoded.chunks_exact(ENCODED).zip(scales);
             rows.flat_map(|(row, scale)| row.iter().copied().chain([*scale])).map(f64::from).collect()
         };
-        let mut terms = vec![(inputs(&batch.scales), options.repulsion, 1.0)];
+        let mut terms = vec![(inputs(&batch.scales), repulsion(options.margin), 1.0)];
         terms.extend(batch.larger.iter().map(|scales| (inputs(scales), Repulsion::None, options.hierarchy)));
         Self { batch, shape: DecoderShape { inputs: ENCODED + 1, width, head_sizes: vec![FEATURES] }, terms }
     }
@@ -110,11 +112,11 @@ fn gradients_of_all_parameters_match_difference_quotients() {
     let at = balls.gaussians();
     let view = &balls.prepared(&at)[1];
     for mask_scale in [MaskScale::Drawn, MaskScale::Own] {
-        gradient(view, &FineOptions { pixels: 14, hierarchy: 0.7, mask_scale, ..FineOptions::default() });
+        gradient(view, &AffinityConfig { pixels: 14, hierarchy: 0.7, mask_scale, ..AffinityConfig::default() });
     }
 }
 
-fn gradient(view: &FineView, options: &FineOptions) {
+fn gradient(view: &FineView, options: &AffinityConfig) {
     let field = AffinityField::new(2, &device().autodiff());
     // a scale at which pixels of different masks repel
     let mut draws = (0..).map(|step| Batch::draw(view, options, &mut Rng::new(1, step, Purpose::Custom(3))));
@@ -150,7 +152,7 @@ fn gradient(view: &FineView, options: &FineOptions) {
 fn own_scales_are_those_of_the_mask_each_gaussian_contributes_most_to() {
     let at = APART.gaussians();
     let views = APART.prepared(&at);
-    let options = FineOptions { mask_scale: MaskScale::Own, pixels: 300, ..FineOptions::default() };
+    let options = AffinityConfig { mask_scale: MaskScale::Own, pixels: 300, ..AffinityConfig::default() };
     let (mut parted, mut joined) = (0, 0);
     for step in 0..40 {
         let view = &views[step % views.len()];
@@ -189,7 +191,7 @@ impl Trained {
         let at = balls.gaussians();
         let (mut first, mut last) = (0.0, 0.0);
         // the features of the balls separate only after the first few hundred steps
-        let field = train(&balls.prepared(&at), &quick(2000), &device(), |step, loss| {
+        let field = train(&balls.prepared(&at), &quick(2000), 0, &device(), |step, loss| {
             first += if step < 200 { loss } else { 0.0 };
             last += if step >= 1800 { loss } else { 0.0 };
             true
@@ -206,7 +208,8 @@ impl Trained {
         let [x, y, z] =
             [0, 1, 2].map(|r| (0..3).map(|k| camera.rotation[r][k] * centre[k]).sum::<f32>() + camera.translation[r]);
         let pixel = [camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy].map(|v| v as u32);
-        let under = click::under(&self.at, rendering().seen_by(*camera), pixel, &device()).unwrap();
+        let under =
+            click::under(&self.at, rendering().seen_by(*camera), pixel, &ClickConfig::default(), &device()).unwrap();
         let found = click::heaviest(&under, |_| true).unwrap() as usize;
         assert_eq!(found / COUNT, ball, "the click hits the other ball");
         found
@@ -216,7 +219,8 @@ impl Trained {
     fn selects(&self, ball: usize, scale: f32) -> [f64; 2] {
         let clicked = self.clicked(ball);
         let all: Vec<u32> = (0..self.at.len() as u32).collect();
-        let of = Candidates::new(&self.field, &self.frame, &self.at.means, &self.at, &all);
+        let config = SegmentConfig::default();
+        let of = Candidates::new(&self.field, &self.frame, &self.at.means, &self.at, &all, &config);
         let found = of.alike(clicked, scale, THRESHOLD);
         [iou(&found, |i| i / COUNT == ball), iou(&found, |_| true)]
     }
@@ -274,8 +278,8 @@ fn same_bits(mask_scale: MaskScale) {
     let at = APART.gaussians();
     let run = |threads, seed| {
         on_threads(threads, || {
-            let options = FineOptions { hierarchy: 0.5, seed, mask_scale, ..quick(12) };
-            params::collect(&train(&APART.prepared(&at), &options, &device(), |_, _| true).unwrap())
+            let options = AffinityConfig { hierarchy: 0.5, mask_scale, ..quick(12) };
+            params::collect(&train(&APART.prepared(&at), &options, seed, &device(), |_, _| true).unwrap())
         })
     };
     let one = run(1, 0);
@@ -290,12 +294,13 @@ fn poison_is_never_selected_and_bad_input_is_refused() {
         add(&mut at, [0.5, poison, 0.0], [-2.7; 3]);
     }
     let views = APART.prepared(&at);
-    let field = train(&views, &quick(5), &device(), |_, _| true).unwrap();
+    let field = train(&views, &quick(5), 0, &device(), |_, _| true).unwrap();
     let n = 2 * COUNT;
     let (frame, all) = (Frame::around(&at.means), (0..at.len() as u32).collect::<Vec<_>>());
-    let found = Candidates::new(&field, &frame, &at.means, &at, &all).alike(0, 0.5, -1.0);
+    let config = SegmentConfig::default();
+    let found = Candidates::new(&field, &frame, &at.means, &at, &all, &config).alike(0, 0.5, -1.0);
     assert_eq!(found[n - 1..], [true, false, false]);
-    assert!(matches!(train(&[], &quick(5), &device(), |_, _| true), Err(FineError::NoMasks)));
-    let wild = FineOptions { rate: f64::NAN, ..quick(5) };
-    assert!(matches!(train(&views, &wild, &device(), |_, _| true), Err(FineError::NotFinite { .. })));
+    assert!(matches!(train(&[], &quick(5), 0, &device(), |_, _| true), Err(FineError::NoMasks)));
+    let wild = AffinityConfig { rate: f64::NAN, ..quick(5) };
+    assert!(matches!(train(&views, &wild, 0, &device(), |_, _| true), Err(FineError::NotFinite { .. })));
 }

@@ -1,12 +1,8 @@
 //! Which pixels of a picture show the group that is drawn alone, and which masks lie on the background behind it.
 
 use super::mask::Mask;
+use crate::config::types::segment::MasksConfig;
 use crate::segment::pictures::Picture;
-
-/// Alpha below which nothing can be seen, whatever else the picture shows: two steps of 8 bits.
-const MIN_ALPHA: f64 = 2.0 / 255.0;
-/// Fraction of the group's typical alpha below which a pixel, or the mean of a mask, is background.
-const BACKGROUND_SHARE: f64 = 0.25;
 
 /// Returns the alpha below which a pixel, or a mask by its mean, is background in a picture of a group alone.
 ///
@@ -18,7 +14,7 @@ const BACKGROUND_SHARE: f64 = 0.25;
 /// and one of the whole picture around a small body do not. Anything fainter than 2/255 is never visible, and so is
 /// background everywhere.
 #[must_use]
-pub fn background_below(picture: &Picture) -> f64 {
+pub fn background_below(picture: &Picture, config: &MasksConfig) -> f64 {
     let (mut sum, mut squares) = (0.0f64, 0.0f64);
     for p in picture.rgba.chunks_exact(4).filter(|p| p[3].is_finite()) {
         let alpha = f64::from(p[3].clamp(0.0, 1.0));
@@ -26,7 +22,7 @@ pub fn background_below(picture: &Picture) -> f64 {
         squares += alpha * alpha;
     }
     let typical = if sum > 0.0 { squares / sum } else { 0.0 };
-    (BACKGROUND_SHARE * typical).max(MIN_ALPHA)
+    (config.background_share * typical).max(config.min_alpha)
 }
 
 /// Mean alpha of the picture in a mask of its size; 0 for an empty one.

@@ -4,9 +4,7 @@
 //! The gradient at a fine smoothing minus that at a coarse one is therefore about the jump's height, and near 0 on
 //! smooth shading. Only the pixels of the foreground take part, so the silhouette makes no edge of its own.
 
-/// Multiple of the coarse gradient that is subtracted from the fine one: above 1, since curved shading is a little
-/// steeper at its steepest than over a distance.
-const RAMP: f32 = 1.3;
+use crate::config::types::segment::MasksConfig;
 
 /// The foreground, cropped to its bounding box.
 pub(super) struct Window {
@@ -26,8 +24,9 @@ pub(super) struct Channel {
     pub weight: f32,
 }
 
-/// Jump heights `[height, width]`, 0 outside the foreground. `fine` and `coarse` are standard deviations in pixels.
-pub(super) fn jumps(window: &Window, channels: &[Channel], fine: f32, coarse: f32) -> Vec<f32> {
+/// Jump heights `[height, width]`, 0 outside the foreground.
+pub(super) fn jumps(window: &Window, channels: &[Channel], config: &MasksConfig) -> Vec<f32> {
+    let (fine, coarse, ramp) = (config.fine_blur, config.coarse_blur, config.ramp);
     let pixels = window.width * window.height;
     let mut scratch = vec![0.0; pixels];
     let mut squares = [vec![0.0_f32; pixels], vec![0.0_f32; pixels]];
@@ -54,16 +53,17 @@ pub(super) fn jumps(window: &Window, channels: &[Channel], fine: f32, coarse: f3
     }
     // At a step of height 1 the central difference of the smoothed values is half the sum of the two middle taps.
     let response = |sigma: f32| gaussian(sigma).iter().take(2).sum::<f32>() / 2.0;
-    let scale = 1.0 / (response(fine) - RAMP * response(coarse));
+    let scale = 1.0 / (response(fine) - ramp * response(coarse));
     let [sharp, smooth] = squares;
-    let height = |(&sharp, &smooth): (&f32, &f32)| (sharp.sqrt() - RAMP * smooth.sqrt()).max(0.0) * scale;
+    let height = |(&sharp, &smooth): (&f32, &f32)| (sharp.sqrt() - ramp * smooth.sqrt()).max(0.0) * scale;
     sharp.iter().zip(&smooth).map(height).collect()
 }
 
 /// Returns the relief plus a slope that falls from jumps and the silhouette inwards, so that two wide areas joined
-/// through a gap in the jumps between them drain apart. `edge` is the jump that counts as an edge, `reach` how far the
-/// slope extends in pixels and `height` how high it starts.
-pub(super) fn close_gaps(window: &Window, relief: &[f32], edge: f32, reach: f32, height: f32) -> Vec<f32> {
+/// through a gap in the jumps between them drain apart. It only shapes the basins; the strength of a boundary depends on
+/// the jumps alone.
+pub(super) fn close_gaps(window: &Window, relief: &[f32], config: &MasksConfig) -> Vec<f32> {
+    let (edge, reach, height) = (config.gap_edge, config.gap_reach, config.gap_height);
     let (width, rows) = (window.width, window.height);
     // Distances in thirds of a pixel by the 3-4 chamfer, with a border of background around.
     let wide = width + 2;
@@ -164,7 +164,7 @@ mod tests {
         let at = |index: usize| ((index % 60) as f32, (index / 60) as f32);
         let window = Window { width: 60, height: 60, inside: (0..3600).map(|i| inside(at(i).0, at(i).1)).collect() };
         let values = (0..3600).map(|i| value(at(i).0, at(i).1)).collect();
-        jumps(&window, &[Channel { values, known: None, weight: 1.0 }], 1.0, 3.0)
+        jumps(&window, &[Channel { values, known: None, weight: 1.0 }], &MasksConfig::default())
     }
 
     #[test]
@@ -190,10 +190,11 @@ mod tests {
         let relief: Vec<f32> =
             (0..1600).map(|i| if i % 40 == 20 && !(18..22).contains(&(i / 40)) { 0.3 } else { 0.0 }).collect();
         let window = Window { width: 40, height: 40, inside: vec![true; 1600] };
-        let closed = close_gaps(&window, &relief, 0.1, 10.0, 0.04);
+        let gaps = MasksConfig { gap_edge: 0.1, gap_reach: 10.0, gap_height: 0.04, ..MasksConfig::default() };
+        let closed = close_gaps(&window, &relief, &gaps);
         let row = &closed[20 * 40..21 * 40];
         assert!(row[20] > 0.02 && row[10] < 0.01 && row[30] < 0.01, "{row:?}");
-        assert!(close_gaps(&Window { width: 0, height: 0, inside: Vec::new() }, &[], 0.1, 10.0, 0.1).is_empty());
+        assert!(close_gaps(&Window { width: 0, height: 0, inside: Vec::new() }, &[], &gaps).is_empty());
     }
 
     #[test]
@@ -201,7 +202,7 @@ mod tests {
         let window = Window { width: 20, height: 20, inside: vec![true; 400] };
         let known: Vec<bool> = (0..400).map(|i| i % 20 < 10).collect();
         let values = known.iter().map(|&known| if known { 0.4 } else { f32::NAN }).collect();
-        let found = jumps(&window, &[Channel { values, known: Some(known), weight: 1.0 }], 1.0, 3.0);
+        let found = jumps(&window, &[Channel { values, known: Some(known), weight: 1.0 }], &MasksConfig::default());
         assert!(found.iter().all(|&jump| jump < 1e-3));
     }
 }

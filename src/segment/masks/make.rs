@@ -5,6 +5,7 @@
 use super::alpha::background_below;
 use super::source::{Found, Group, MaskSource, Seen, SourceError};
 use super::store::{Annotation, Header, MaskWriter, StoreError, View};
+use crate::config::types::segment::MasksConfig;
 use crate::data::Camera;
 use crate::model::{HostGaussians, Rendering};
 use crate::segment::pictures::{Picture, picture, share};
@@ -14,10 +15,6 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use thiserror::Error;
-
-/// A group is in front where more than this fraction of the whole scene's colour comes from it, and where it is not
-/// background when drawn alone.
-const MIN_FRONT_SHARE: f32 = 0.5;
 
 /// A view to draw.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -49,6 +46,8 @@ pub struct MaskJob<'a> {
     pub time: f64,
     /// How the scene is drawn.
     pub rendering: Rendering,
+    /// Options of the sources.
+    pub config: &'a MasksConfig,
     /// The device to draw on.
     pub device: &'a Device,
 }
@@ -129,11 +128,15 @@ impl MaskJob<'_> {
         Header { members: self.groups.iter().map(|g| members_key(&g.members)).collect(), ..header }
     }
 
-    /// Where `members` are in front in the whole scene; `picture` shows them alone.
+    /// Where `members` are in front in the whole scene, and not background when drawn alone; `picture` shows them alone.
     fn front(&self, members: &[u32], picture: &Picture, camera: &Camera) -> Vec<bool> {
         let share = share(self.at, members, self.rendering.seen_by(camera.to_kernel()), self.device);
-        let below = background_below(picture) as f32;
-        share.iter().zip(picture.rgba.chunks_exact(4)).map(|(s, p)| *s > MIN_FRONT_SHARE && p[3] > below).collect()
+        let below = background_below(picture, self.config) as f32;
+        share
+            .iter()
+            .zip(picture.rgba.chunks_exact(4))
+            .map(|(s, p)| *s > self.config.front_share && p[3] > below)
+            .collect()
     }
 }
 

@@ -34,7 +34,7 @@ impl MaskSource for Fronts {
     fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError> {
         let (w, h) = (seen.picture.width as u32, seen.picture.height as u32);
         assert_eq!(seen.front.is_some(), self.front);
-        let below = background_below(seen.picture) as f32;
+        let below = background_below(seen.picture, &MasksConfig::default()) as f32;
         let alpha: Vec<bool> = seen.picture.rgba.chunks_exact(4).map(|p| p[3] > below).collect();
         let mask = Mask::from_rows(w, h, seen.front.unwrap_or(&alpha))?;
         Ok(vec![Found { mask, predicted_iou: seen.view as f32, stability_score: 0.5 }])
@@ -65,7 +65,8 @@ fn make(groups: &[Group], shots: &[Shot], source: &Fronts, path: &Path, stop_at:
     let device = DeviceName::all()[0].open().unwrap();
     let at = scene();
     let rendering = Rendering { background: [1.0; 3], sh_degree: 0, dilation: DILATION, path_opacity: 0.0 };
-    let job = MaskJob { at: &at, groups, shots, time: 0.5, rendering, device: &device };
+    let job =
+        MaskJob { at: &at, groups, shots, time: 0.5, rendering, config: &MasksConfig::default(), device: &device };
     let mut views = 0;
     make_masks(&job, source, path, |seen, found| {
         assert_eq!((seen.group * shots.len() + seen.view, found.len()), (views, 1));

@@ -26,5 +26,5 @@ pub mod store;
 mod watershed;
 
 pub use mask::{Mask, MaskError};
-pub use regions::{RegionImage, RegionMask, RegionOptions, find_regions};
+pub use regions::{RegionImage, RegionMask, find_regions};
 pub use store::{Annotation, Header, MaskReader, MaskWriter, StoreError, View};

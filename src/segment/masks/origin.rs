@@ -1,7 +1,6 @@
 //! Opens the selected mask source: the one place where commands, evaluations and sweeps do so.
 
 use super::make::MaskJob;
-use super::regions::RegionOptions;
 use super::sam::SamError;
 use super::source::MaskSource;
 use super::source::foreign::Foreign;
@@ -52,7 +51,7 @@ impl MaskKind {
 #[derive(Clone, Debug)]
 pub enum MaskOrigin {
     /// Regions of the pictures themselves.
-    Regions(RegionOptions),
+    Regions,
     /// The dataset's label images of these views, which are those of the job's shots, in the same order.
     Labels(Truth, Vec<LabelledView>),
     /// Masks of another program.
@@ -89,15 +88,15 @@ impl MaskOrigin {
     /// If masks of another program do not fit the job, or the network cannot be loaded; the error names the file.
     pub fn open(&self, job: &MaskJob<'_>) -> Result<Box<dyn MaskSource>, OriginError> {
         Ok(match self {
-            Self::Regions(options) => Box::new(Regions::new(job.rendering.background, options.clone())),
-            Self::Labels(truth, views) => Box::new(Labels::new(truth.clone(), views.clone())),
+            Self::Regions => Box::new(Regions::new(job.rendering.background, job.config.clone())),
+            Self::Labels(truth, views) => Box::new(Labels::new(truth.clone(), views.clone(), job.config.label_pixels)),
             Self::Dir { path, others } => {
                 let groups: Vec<String> = job.groups.iter().map(|g| g.name.clone()).collect();
                 let views: Vec<String> = job.shots.iter().map(|s| format!("{}.png", s.file)).collect();
                 let size = job.shots.first().map_or((0, 0), |s| (s.camera.width, s.camera.height));
                 Box::new(Foreign::open(path, &groups, others, &views, [size.0, size.1])?)
             }
-            Self::Sam { weights, points } => Box::new(SamSource::load(weights, *points, job.device)?),
+            Self::Sam { weights, points } => Box::new(SamSource::load(weights, *points, job.config, job.device)?),
         })
     }
 }

@@ -7,6 +7,7 @@
 //!
 //! The steps are in `edges`, `watershed` and `merge`; here is the order of steps and the choice of regions.
 
+use crate::config::types::segment::{MasksConfig, OutOfRange};
 use thiserror::Error;
 
 use super::{
@@ -46,39 +47,11 @@ pub enum RegionError {
         height: u32,
     },
     /// An option is not a usable number.
-    #[error("region option {name} is {value}; it must be {range}")]
-    Option {
-        /// The field of [`RegionOptions`].
-        name: &'static str,
-        /// Its value.
-        value: String,
-        /// What it may be.
-        range: &'static str,
-    },
+    #[error(transparent)]
+    Option(#[from] OutOfRange),
     /// The size is past what masks can hold.
     #[error(transparent)]
     Mask(#[from] MaskError),
-}
-
-/// Settings of [`find_regions`]. The defaults are meant for renderings of 200 to 1000 pixels a side.
-#[derive(Debug, Clone, PartialEq)]
-pub struct RegionOptions {
-    /// Pixels of a lower alpha are background.
-    pub background_alpha: f32,
-    /// Smallest mask, in pixels of an image of 400x400; scaled with the image's area.
-    pub min_area: f32,
-    /// Boundaries of a lower mean jump (in units of full colour or alpha range, or depth range) make no mask.
-    pub contrast: f32,
-    /// A region becomes a mask if its inner boundaries are weaker than its outer one by at least this fraction.
-    pub persistence: f32,
-    /// Of masks with a higher IoU only the one with the highest product of stability and contrast is kept.
-    pub duplicate_iou: f64,
-}
-
-impl Default for RegionOptions {
-    fn default() -> Self {
-        Self { background_alpha: 0.05, min_area: 100.0, contrast: 0.04, persistence: 0.3, duplicate_iou: 0.9 }
-    }
 }
 
 /// A mask that [`find_regions`] found.
@@ -121,17 +94,6 @@ impl RegionImage {
     }
 }
 
-/// Smoothings (standard deviations in pixels) whose gradients distinguish jumps from ramps.
-const FINE: f32 = 1.0;
-const COARSE: f32 = 3.0;
-/// The slope that closes gaps in boundaries: jump that counts as a boundary, reach in pixels and height. It only shapes
-/// the basins; the strength of a boundary depends on the jumps alone.
-const GAP_EDGE: f32 = 0.08;
-const GAP_REACH: f32 = 12.0;
-const GAP_HEIGHT: f32 = 0.05;
-/// Minimum thickness, in pixels across a strip, of a region inside a piece that makes a mask: an edge itself is about
-/// as wide.
-const MIN_THICKNESS: f32 = 3.0;
 /// Number of steps of the relief, and the jump of the last one.
 const STEPS: usize = 200;
 const TOP: f32 = 0.5;
@@ -140,13 +102,14 @@ const TOP: f32 = 0.5;
 ///
 /// # Errors
 /// [`RegionError::Option`] for options out of range.
-pub fn find_regions(image: &RegionImage, options: &RegionOptions) -> Result<Vec<RegionMask>, RegionError> {
-    check(options)?;
+pub fn find_regions(image: &RegionImage, options: &MasksConfig) -> Result<Vec<RegionMask>, RegionError> {
+    options.check()?;
     let Some((window, origin)) = cut(image, options.background_alpha) else { return Ok(Vec::new()) };
-    let relief = jumps(&window, &channels(image, &window, origin), FINE, COARSE);
-    let (labels, count) = basins(&window, &close_gaps(&window, &relief, GAP_EDGE, GAP_REACH, GAP_HEIGHT), TOP, STEPS);
+    let relief = jumps(&window, &channels(image, &window, origin), options);
+    let closed = options.close_gaps.then(|| close_gaps(&window, &relief, options));
+    let (labels, count) = basins(&window, closed.as_ref().unwrap_or(&relief), TOP, STEPS);
     let min_area = (options.min_area * (image.width * image.height) as f32 / 160_000.0).max(1.0);
-    let full = Full { area: min_area, thickness: 2.0 * MIN_THICKNESS };
+    let full = Full { area: min_area, thickness: 2.0 * options.min_thickness };
     let nodes = tree(&window, &labels, count, &relief, full);
     let chosen = choose(&nodes, options, min_area);
     let (range, place) = ranges(&nodes, count);
@@ -156,7 +119,7 @@ pub fn find_regions(image: &RegionImage, options: &RegionOptions) -> Result<Vec<
         .into_iter()
         .map(|index| {
             let node = &nodes[index as usize];
-            let mask = paint(image, &window, origin, &places, node, range[index as usize], min_area);
+            let mask = paint(image, &window, origin, &places, node, (range[index as usize], min_area, options.smooth));
             let (stability_score, contrast) = scores(&nodes, node);
             RegionMask { mask, stability_score, contrast, level: 0 }
         })
@@ -184,25 +147,6 @@ pub fn find_regions(image: &RegionImage, options: &RegionOptions) -> Result<Vec<
         found[at].level = level;
     }
     Ok(found)
-}
-
-fn check(options: &RegionOptions) -> Result<(), RegionError> {
-    let fractions = [
-        ("background_alpha", options.background_alpha),
-        ("contrast", options.contrast),
-        ("persistence", options.persistence),
-        ("duplicate_iou", options.duplicate_iou as f32),
-    ];
-    for (name, value) in fractions {
-        if !(0.0..=1.0).contains(&value) {
-            return Err(RegionError::Option { name, value: value.to_string(), range: "between 0 and 1" });
-        }
-    }
-    if !(options.min_area >= 0.0 && options.min_area.is_finite()) {
-        let value = options.min_area.to_string();
-        return Err(RegionError::Option { name: "min_area", value, range: "finite and not negative" });
-    }
-    Ok(())
 }
 
 /// The foreground in its box, and the box's corner; `None` if there is no foreground.
@@ -270,12 +214,12 @@ fn scores(nodes: &[Node], node: &Node) -> (f32, f32) {
 }
 
 /// The regions to make masks of: whole pieces, and those that persist over a range of strengths.
-fn choose(nodes: &[Node], options: &RegionOptions, min_area: f32) -> Vec<u32> {
+fn choose(nodes: &[Node], options: &MasksConfig, min_area: f32) -> Vec<u32> {
     let wanted = |node: &Node| {
         node.area as f32 >= min_area
             && node.parent.is_none_or(|parent| {
                 let outer = nodes[parent as usize].born;
-                node.thickness() >= MIN_THICKNESS
+                node.thickness() >= options.min_thickness
                     && outer >= options.contrast
                     && outer - node.born >= options.persistence * outer
             })
@@ -283,15 +227,14 @@ fn choose(nodes: &[Node], options: &RegionOptions, min_area: f32) -> Vec<u32> {
     (0..nodes.len() as u32).filter(|&index| wanted(&nodes[index as usize])).collect()
 }
 
-/// The mask of a region, its outline smoothed and small holes filled.
+/// The mask of a region, with `smooth` its outline smoothed and small holes filled.
 fn paint(
     image: &RegionImage,
     window: &Window,
     origin: [usize; 2],
     places: &[u32],
     node: &Node,
-    range: [u32; 2],
-    min_area: f32,
+    (range, min_area, smooth): ([u32; 2], f32, bool),
 ) -> Mask {
     let [left, top, right, bottom] = node.bounds.map(|side| side as usize);
     let (across, down) = (right - left, bottom - top);
@@ -301,7 +244,7 @@ fn paint(
         set.extend(row.iter().map(|&place| range[0] <= place && place < range[1]));
     }
     // A whole piece keeps its silhouette as it is, and no other region grows over it.
-    if node.parent.is_some() {
+    if smooth && node.parent.is_some() {
         set = majority_rows(across, down, &set);
         fill_holes_rows(across, down, &mut set, (min_area / 4.0) as u64);
         for (row, set) in set.chunks_exact_mut(across).enumerate() {

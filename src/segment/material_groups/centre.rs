@@ -2,14 +2,6 @@
 
 use super::Smooth;
 
-/// Distance in the plane of colours that a difference of one in the logarithm of brightness counts as, where lightness
-/// separates two materials.
-pub(super) const LIGHTNESS: f32 = 0.6;
-
-/// Quantile of the members' brightness and chroma at which the colour under full light is read: shading darkens, and
-/// highlights and haze reduce chroma.
-const LIT: f64 = 0.7;
-
 /// Gaussians of one material.
 #[derive(Debug, Clone)]
 pub(super) struct Members {
@@ -35,8 +27,8 @@ pub(super) struct Centre {
 }
 
 impl Centre {
-    /// The weighted centre of `members`.
-    pub fn of(members: &Members, smooth: &Smooth, weights: &[f32]) -> Self {
+    /// The weighted centre of `members`, whose colour is shown clearly at the quantile `lit` of brightness and chroma.
+    pub fn of(members: &Members, smooth: &Smooth, weights: &[f32], lit: f64) -> Self {
         let quantile = |share: f64, value: &dyn Fn(usize) -> f32| {
             let rows = members.rows.iter().map(|&i| i as usize);
             weighted_quantile(rows.map(|i| (value(i), weights[i])).collect(), share)
@@ -44,13 +36,13 @@ impl Centre {
         let plane = [0, 1].map(|a| quantile(0.5, &|i| smooth.plane[i][a]));
         let length = plane[0].hypot(plane[1]);
         let hue = if length > 0.0 { plane.map(|v| v / length) } else { [0.0; 2] };
-        let clear = quantile(LIT, &|i| smooth.plane[i][0] * hue[0] + smooth.plane[i][1] * hue[1]);
+        let clear = quantile(lit, &|i| smooth.plane[i][0] * hue[0] + smooth.plane[i][1] * hue[1]);
         Self {
             plane,
             light: quantile(0.5, &|i| smooth.light[i]),
             lightness: members.light,
             shown: hue.map(|v| v * clear),
-            brightest: quantile(LIT, &|i| smooth.light[i]).exp(),
+            brightest: quantile(lit, &|i| smooth.light[i]).exp(),
         }
     }
 

@@ -1,15 +1,10 @@
 //! Turns the groups found into as many as requested.
 
 use super::Smooth;
-use super::centre::{Centre, LIGHTNESS, Members};
+use super::centre::{Centre, Members};
+use crate::config::types::segment::GroupsConfig;
 use crate::points::PointsError;
 use crate::points::kmeans::{KMeansConfig, kmeans};
-
-/// Weight of lightness when a group is halved: shading changes lightness more than chroma.
-const HALVING: f32 = 0.2;
-
-/// Minimum weight of a half, as a fraction of an even share of all weight: a few outliers are not a half.
-const MIN_HALF: f64 = 0.1;
 
 /// Joins the two groups that cost least to join (Ward's criterion), or halves the group of largest scatter by k-means,
 /// until there are `wanted`; stops with fewer if none can be halved.
@@ -18,11 +13,11 @@ pub(super) fn exactly(
     wanted: usize,
     smooth: &Smooth,
     weights: &[f32],
-    uniform: &mut impl FnMut() -> f32,
+    (config, uniform): (&GroupsConfig, &mut impl FnMut() -> f32),
 ) -> Result<Vec<Members>, PointsError> {
     while parts.len() > wanted {
         let centres: Vec<(Centre, f64)> =
-            parts.iter().map(|p| (Centre::of(p, smooth, weights), mass(p, weights))).collect();
+            parts.iter().map(|p| (Centre::of(p, smooth, weights, config.clear), mass(p, weights))).collect();
         let mut best = (f64::INFINITY, 0, 1);
         for b in 1..parts.len() {
             for a in 0..b {
@@ -41,8 +36,8 @@ pub(super) fn exactly(
     }
     let even = weights.iter().map(|w| f64::from(*w)).sum::<f64>() / wanted as f64;
     // if that is not enough, outliers may form a half too
-    for min_weight in [MIN_HALF * even, 0.0] {
-        halve(&mut parts, wanted, min_weight, smooth, weights, uniform)?;
+    for min_weight in [config.min_half * even, 0.0] {
+        halve(&mut parts, wanted, min_weight, smooth, weights, (config, &mut *uniform))?;
     }
     Ok(parts)
 }
@@ -55,12 +50,12 @@ fn halve(
     min_weight: f64,
     smooth: &Smooth,
     weights: &[f32],
-    uniform: &mut impl FnMut() -> f32,
+    (config, uniform): (&GroupsConfig, &mut impl FnMut() -> f32),
 ) -> Result<(), PointsError> {
     let mut scatters: Vec<Option<f64>> = vec![None; parts.len()];
     while parts.len() < wanted {
         for (part, scatter) in parts.iter().zip(&mut scatters).filter(|(_, s)| s.is_none()) {
-            *scatter = Some(halves(part, 1, smooth, weights, uniform)?.0);
+            *scatter = Some(halves(part, 1, smooth, weights, (config, &mut *uniform))?.0);
         }
         let mut most = (0.0, None);
         for (k, scatter) in scatters.iter().enumerate() {
@@ -69,10 +64,10 @@ fn halve(
             }
         }
         let Some(k) = most.1 else { break };
-        let labels = halves(&parts[k], 2, smooth, weights, uniform)?.1;
+        let labels = halves(&parts[k], 2, smooth, weights, (config, &mut *uniform))?.1;
         let of = |label: u32| Members {
             rows: parts[k].rows.iter().zip(&labels).filter(|(_, l)| **l == label).map(|(i, _)| *i).collect(),
-            light: parts[k].light.max(HALVING),
+            light: parts[k].light.max(config.halving),
         };
         let (first, second) = (of(1), of(2));
         if second.rows.is_empty() || mass(&second, weights) < min_weight {
@@ -96,9 +91,9 @@ fn halves(
     count: usize,
     smooth: &Smooth,
     weights: &[f32],
-    uniform: &mut impl FnMut() -> f32,
+    (config, uniform): (&GroupsConfig, &mut impl FnMut() -> f32),
 ) -> Result<(f64, Vec<u32>), PointsError> {
-    let lightness = if part.light > 0.0 { part.light.min(LIGHTNESS) } else { HALVING };
+    let lightness = if part.light > 0.0 { part.light.min(config.lightness) } else { config.halving };
     let rows = || part.rows.iter().map(|&i| i as usize);
     let points: Vec<f32> =
         rows().flat_map(|i| [smooth.plane[i][0], smooth.plane[i][1], lightness * smooth.light[i]]).collect();

@@ -1,11 +1,18 @@
 //! Clouds of known materials, shaded and with the noise of trained Gaussians.
 
+use crate::config::types::SegmentConfig;
 use crate::model::sh::{C0, basis};
 use crate::model::{HostGaussians, OtherTimes};
 use crate::rng::{Purpose, Rng};
-use crate::segment::coarse::{Coarse, CoarseOptions, coarse};
+use crate::segment::coarse::{Coarse, coarse, hidden};
 use std::f32::consts::PI;
 use volseggs_kernels::activation::logit;
+
+fn with(outliers: bool, clusters: usize) -> SegmentConfig {
+    let mut config = SegmentConfig::default();
+    (config.colour.outliers, config.colour.clusters) = (outliers, clusters);
+    config
+}
 
 /// One material: its colour, where it lies, its size, how opaque it is and how many Gaussians it has.
 #[derive(Clone, Copy)]
@@ -96,7 +103,7 @@ fn a_shell_a_body_and_a_core_are_three_materials_in_any_light() {
     for (ambient, diffuse, specular, rims) in [(0.1, 0.8, 0.0, 0.4), (0.3, 0.6, 0.3, 0.3), (0.8, 0.2, 0.1, 0.0)] {
         let light = Light { ambient, diffuse, specular, rims, ..PLAIN };
         let (g, truth) = cloud(&nested(), &light, 1);
-        let found = coarse(&g, None, &CoarseOptions::default()).unwrap();
+        let found = coarse(&g, None, &SegmentConfig::default(), 0).unwrap();
         let iou = overlaps(&found, &truth, 3);
         assert_eq!(found.palette.len(), 3, "{ambient}: {:?} {iou:?}", names(&found));
         assert!(iou.iter().all(|v| *v > 0.9), "{ambient}: {iou:?}");
@@ -110,34 +117,32 @@ fn a_shell_a_body_and_a_core_are_three_materials_in_any_light() {
 fn one_hue_is_split_into_distant_pale_and_deep_colours_and_greys_by_lightness() {
     let body = |base, x: f32, count| Body { base, centre: [x, 0.0, 0.0], radius: 0.4, opacity: 0.5, count };
     let (g, truth) = cloud(&[body([0.65, 0.8, 0.95], -1.0, 900), body([0.1, 0.25, 0.85], 1.0, 500)], &PLAIN, 2);
-    let found = coarse(&g, None, &CoarseOptions::default()).unwrap();
+    let found = coarse(&g, None, &SegmentConfig::default(), 0).unwrap();
     let all = names(&found);
     assert!(all.len() == 2 && all.iter().all(|n| n.contains("blue")), "{all:?}");
     assert!(overlaps(&found, &truth, 2).iter().all(|v| *v > 0.9));
     let light = Light { rims: 0.1, specular: 0.0, ..PLAIN };
     let greys = [body([0.95; 3], -1.0, 900), body([0.35; 3], 1.0, 500), body([0.9, 0.2, 0.2], 3.0, 300)];
     let (g, truth) = cloud(&greys, &light, 3);
-    let found = coarse(&g, None, &CoarseOptions::default()).unwrap();
+    let found = coarse(&g, None, &SegmentConfig::default(), 0).unwrap();
     assert!(names(&found).len() == 3 && overlaps(&found, &truth, 3).iter().all(|v| *v > 0.85), "{:?}", names(&found));
     // rims and light sides of one grey are one material
     let (g, _) = cloud(&[body([0.7; 3], 0.0, 1500)], &PLAIN, 4);
-    assert_eq!(coarse(&g, None, &CoarseOptions::default()).unwrap().palette.len(), 1);
+    assert_eq!(coarse(&g, None, &SegmentConfig::default(), 0).unwrap().palette.len(), 1);
 }
 
 #[test]
 fn the_requested_number_of_groups_is_made_reproducibly() {
     let (g, truth) = cloud(&nested(), &PLAIN, 5);
     for clusters in [1, 2, 3, 5, 12] {
-        let options = CoarseOptions { clusters: Some(clusters), ..CoarseOptions::default() };
-        let found = coarse(&g, None, &options).unwrap();
+        let options = with(true, clusters);
+        let found = coarse(&g, None, &options, 0).unwrap();
         assert_eq!(found.palette.len(), clusters, "{:?} {}", names(&found), found.outliers);
-        assert_eq!(found.labels, coarse(&g, None, &options).unwrap().labels);
+        assert_eq!(found.labels, coarse(&g, None, &options, 0).unwrap().labels);
         if clusters == 3 {
             assert!(overlaps(&found, &truth, 3).iter().all(|v| *v > 0.9));
         }
     }
-    let zero = CoarseOptions { clusters: Some(0), ..CoarseOptions::default() };
-    assert!(coarse(&g, None, &zero).is_err());
 }
 
 #[test]
@@ -145,7 +150,7 @@ fn threads_change_nothing() {
     let (g, _) = cloud(&nested(), &PLAIN, 6);
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| coarse(&g, None, &CoarseOptions::default()).unwrap())
+        pool.install(|| coarse(&g, None, &SegmentConfig::default(), 0).unwrap())
     };
     let (one, three) = (run(1), run(3));
     assert_eq!((one.labels, one.palette), (three.labels, three.palette));
@@ -155,15 +160,15 @@ fn threads_change_nothing() {
 fn black_non_finite_and_single_gaussians_are_accepted() {
     let body = Body { base: [0.0; 3], centre: [0.0; 3], radius: 0.5, opacity: 0.5, count: 60 };
     let (black, _) = cloud(&[body], &Light { specular: 0.0, noise: 0.0, ..PLAIN }, 7);
-    let found = coarse(&black, None, &CoarseOptions::default()).unwrap();
+    let found = coarse(&black, None, &SegmentConfig::default(), 0).unwrap();
     assert!(!found.palette.is_empty() && found.labels.iter().any(|l| *l > 0));
     let (mut g, _) = cloud(&nested(), &PLAIN, 8);
     (g.sh[7], g.sh[48], g.means[6], g.opacity_logits[3]) = (f32::NAN, f32::INFINITY, f32::NAN, f32::NAN);
     g.sh[48 * 4..48 * 5].fill(f32::MAX);
-    let found = coarse(&g, None, &CoarseOptions::default()).unwrap();
+    let found = coarse(&g, None, &SegmentConfig::default(), 0).unwrap();
     assert_eq!((found.labels[0], found.labels[1], found.labels[2], found.labels[3], found.not_finite), (0, 0, 0, 0, 4));
-    let options = CoarseOptions { outliers: None, ..CoarseOptions::default() };
-    let found = coarse(&g.subset(&[9]), None, &options).unwrap();
+    let options = with(false, 0);
+    let found = coarse(&g.subset(&[9]), None, &options, 0).unwrap();
     assert_eq!((found.labels, found.palette.len()), (vec![1], 1));
 }
 
@@ -171,10 +176,10 @@ fn black_non_finite_and_single_gaussians_are_accepted() {
 fn gaussians_of_another_time_join_the_material_of_their_colour() {
     let (mut g, truth) = cloud(&nested(), &PLAIN, 9);
     (0..g.len()).filter(|i| i % 7 == 0).for_each(|i| g.opacity_logits[i] = -9.0);
-    let options = CoarseOptions { outliers: None, ..CoarseOptions::default() };
-    let opacity = options.hidden(&g).iter().map(|h| if *h { 0.9 } else { 0.0 }).collect();
+    let options = with(false, 0);
+    let opacity = hidden(&g, &options).iter().map(|h| if *h { 0.9 } else { 0.0 }).collect();
     let later = OtherTimes { means: Vec::new(), opacity };
-    let found = coarse(&g, Some(&later), &options).unwrap();
+    let found = coarse(&g, Some(&later), &options, 0).unwrap();
     assert_eq!(found.transparent, 0);
     let later: Vec<usize> = (0..g.len()).filter(|i| i % 7 == 0 && truth[*i] > 0).collect();
     let of_truth = |t: u32| {
@@ -195,20 +200,18 @@ fn a_material_invisible_at_this_time_is_found_from_another_time() {
     (0..g.len()).filter(|&i| core(i)).for_each(|i| g.opacity_logits[i] = -9.0);
     let opacity = (0..g.len()).map(|i| if core(i) { 0.9 } else { 0.0 }).collect();
     let later = OtherTimes { means: Vec::new(), opacity };
-    let of = |later: Option<&OtherTimes>, clusters| {
-        coarse(&g, later, &CoarseOptions { outliers: None, clusters, ..CoarseOptions::default() }).unwrap()
-    };
-    let found = of(Some(&later), None);
+    let of = |later: Option<&OtherTimes>, clusters| coarse(&g, later, &with(false, clusters), 0).unwrap();
+    let found = of(Some(&later), 0);
     assert!(found.palette.len() == 3 && names(&found)[2].ends_with("red"), "{:?}", names(&found));
     let right = (0..g.len()).filter(|&i| core(i) && truth[i] == 3 && found.labels[i] == 3).count();
     let all = (0..g.len()).filter(|&i| core(i) && truth[i] == 3).count();
     assert!(right * 10 > all * 9, "{right} of {all}");
-    assert_eq!(of(None, None).palette.len(), 2);
-    assert_eq!(of(Some(&later), Some(2)).palette.len(), 2, "the requested number");
+    assert_eq!(of(None, 0).palette.len(), 2);
+    assert_eq!(of(Some(&later), 2).palette.len(), 2, "the requested number");
     // too few and too faint Gaussians are outliers
     let opacity = (0..).zip(&later.opacity).map(|(i, o)| if i % 20 == 0 { 0.05 * o } else { 0.0 }).collect();
     let faint = OtherTimes { opacity, ..OtherTimes::default() };
-    assert_eq!(of(Some(&faint), None).palette.len(), 2);
+    assert_eq!(of(Some(&faint), 0).palette.len(), 2);
 }
 
 /// Base colours that are easy to distinguish.
@@ -263,7 +266,7 @@ fn the_number_of_materials_is_found_on_most_random_clouds() {
             noise: 0.05 + 0.05 * rng.uniform(),
         };
         let (g, truth) = cloud(&bodies, &light, seed);
-        let found = coarse(&g, None, &CoarseOptions::default()).unwrap();
+        let found = coarse(&g, None, &SegmentConfig::default(), 0).unwrap();
         let iou = overlaps(&found, &truth, count);
         let mean = iou.iter().sum::<f64>() / count as f64;
         println!(

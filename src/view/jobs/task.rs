@@ -2,6 +2,7 @@
 
 use super::board::Reporter;
 use super::export::{Export, FileFormat};
+use crate::config::types::segment::AffinityConfig;
 use crate::name::Name;
 use crate::run::cameras::check_lens;
 use crate::run::follow::{FollowRequest, SHEET, Stage as FollowStage, Times, follow};
@@ -9,7 +10,6 @@ use crate::run::masks::{MaskPlan, MaskRequest, make};
 use crate::run::segments::{RunSegments, write_picture};
 use crate::run::split::{SplitOptions, sheet, split};
 use crate::run::{OpenRun, RunError, affinity};
-use crate::segment::fine::train::FineOptions;
 use crate::segment::masks::origin::MaskKind;
 use crate::track::report::{PictureOptions, SHEET_CELL};
 use burn::tensor::Device;
@@ -173,7 +173,7 @@ impl Task {
             Self::Fine { steps } => fine(run, *steps, device, report),
             Self::Split { segment, scale, clusters, replace } => {
                 let (scale, clusters, replace) = (*scale, *clusters, *replace);
-                let options = SplitOptions { scale, clusters, keep_strays: false, seed: 0, replace };
+                let options = SplitOptions { scale, clusters, seed: 0, replace };
                 parts(run, segment, &options, device, report)
             }
             Self::Track { segments, group, frames } => track(run, segments, group.as_ref(), *frames, device, report),
@@ -224,8 +224,8 @@ fn masks(
 }
 
 fn fine(run: &OpenRun, steps: usize, device: &Device, report: &mut Reporter) -> Result<Option<String>, RunError> {
-    let options = FineOptions { steps, ..FineOptions::default() };
-    let trained = affinity::fit(run, &options, device, |stage| match stage {
+    let options = AffinityConfig { steps, ..run.config.segment.affinity.clone() };
+    let trained = affinity::fit(run, &options, 0, device, |stage| match stage {
         affinity::Stage::Read { done, all } => report.at("views", done, all, None),
         affinity::Stage::Begins { .. } => report.at("steps", 0, steps, None),
         affinity::Stage::Step { done, loss } => report.at("steps", done, steps, Some(loss)),

@@ -6,7 +6,6 @@ use crate::edit::Edit;
 use crate::files::{RunLock, Work};
 use crate::run::segments::{RunSegments, Towards};
 use crate::run::{OpenRun, RunError, edits};
-use crate::segment::coarse::CoarseOptions;
 use crate::segment::segmentation::renamed;
 use crate::view::order::{Stack, Steps};
 use crate::view::protocol::Change;
@@ -125,8 +124,9 @@ pub fn coarse(run: &OpenRun, segments: &mut RunSegments, time: f64, clusters: Op
         return Err(RunError::input("time: must be between 0 and 1"));
     }
     let at = run.scene.host_at(time as f32);
-    let options = CoarseOptions { clusters, ..CoarseOptions::default() };
-    if segments.coarse(run, &at, time, &options)?.palette.is_empty() {
+    let mut config = run.config.segment.clone();
+    config.colour.clusters = clusters.unwrap_or(config.colour.clusters);
+    if segments.coarse(run, &at, time, &config, 0)?.palette.is_empty() {
         return Err(RunError::input("no segments: nothing is visible at this time"));
     }
     Ok(())

@@ -32,7 +32,7 @@ fn balls(balls: &[Ball]) -> (Vec<f32>, Vec<f32>) {
 
 fn find(rgba: &[f32], depth: Option<&[f32]>) -> Vec<RegionMask> {
     let image = RegionImage::from_rgba(SIDE as u32, SIDE as u32, rgba, depth).unwrap();
-    find_regions(&image, &RegionOptions::default()).unwrap()
+    find_regions(&image, &MasksConfig::default()).unwrap()
 }
 
 fn disc(x: f32, y: f32, radius: f32) -> Mask {
@@ -109,7 +109,7 @@ fn specks_and_empty_images_give_no_masks() {
     let (rgba, _) = balls(&[Ball(30.0, 30.0, 2.0, 9.0, RED)]);
     assert!(find(&rgba, None).is_empty());
     let image = RegionImage::from_rgba(0, 0, &[], None).unwrap();
-    assert!(find_regions(&image, &RegionOptions::default()).unwrap().is_empty());
+    assert!(find_regions(&image, &MasksConfig::default()).unwrap().is_empty());
 }
 
 #[test]
@@ -119,8 +119,8 @@ fn wrong_buffers_and_options_are_named() {
     assert!(message(RegionImage::from_rgba(3, 3, &[0.0; 36], Some(&[0.0]))).contains("depth holds 1"));
     let image = RegionImage::from_rgba(1, 1, &[0.0; 4], None).unwrap();
     for (name, options) in [
-        ("contrast", RegionOptions { contrast: f32::NAN, ..Default::default() }),
-        ("min_area", RegionOptions { min_area: -1.0, ..Default::default() }),
+        ("contrast", MasksConfig { contrast: f32::NAN, ..Default::default() }),
+        ("min_area", MasksConfig { min_area: -1.0, ..Default::default() }),
     ] {
         assert!(find_regions(&image, &options).unwrap_err().to_string().contains(name));
     }
@@ -134,7 +134,7 @@ proptest! {
         depth in proptest::collection::vec(prop_oneof![4 => -1.0_f32..9.0, 1 => Just(f32::NAN), 1 => Just(f32::MAX)], 12 * 9),
     ) {
         let image = RegionImage::from_rgba(12, 9, &values, Some(&depth)).unwrap();
-        let options = RegionOptions { min_area: 5000.0, contrast: 0.01, ..Default::default() };
+        let options = MasksConfig { min_area: 5000.0, contrast: 0.01, ..Default::default() };
         let found = find_regions(&image, &options).unwrap();
         for region in &found {
             region.mask.validate().unwrap();

@@ -5,23 +5,22 @@ use crate::data::Truth;
 use crate::data::truth::LabelledView;
 use crate::segment::masks::Mask;
 
-/// Minimum number of pixels for an id to make a mask.
-const MIN_PIXELS: u64 = 16;
-
 /// Label images, one per view.
 #[derive(Clone, Debug)]
 pub struct Labels {
     name: String,
     truth: Truth,
     views: Vec<LabelledView>,
+    min_pixels: u64,
 }
 
 impl Labels {
-    /// Creates the source from `views`, which are those that are drawn, in the same order.
+    /// Creates the source from `views`, which are those that are drawn, in the same order. An id makes a mask from
+    /// `min_pixels` on.
     #[must_use]
-    pub fn new(truth: Truth, views: Vec<LabelledView>) -> Self {
+    pub fn new(truth: Truth, views: Vec<LabelledView>, min_pixels: u64) -> Self {
         let dataset = truth.root.file_name().unwrap_or_default().to_string_lossy();
-        Self { name: format!("labels of {dataset}"), truth, views }
+        Self { name: format!("labels of {dataset}"), truth, views, min_pixels }
     }
 }
 
@@ -44,7 +43,7 @@ impl MaskSource for Labels {
             }
         }
         let masks = Mask::of_labels(width as u32, height as u32, &ids)?.into_iter().map(|(_, mask)| mask);
-        let shown = masks.filter(|mask| mask.area() >= MIN_PIXELS);
+        let shown = masks.filter(|mask| mask.area() >= self.min_pixels);
         Ok(shown.map(|mask| Found { mask, predicted_iou: 1.0, stability_score: 1.0 }).collect())
     }
 

@@ -1,20 +1,21 @@
 //! Masks from the picture alone: [`find_regions`] as a source.
 
-use super::super::regions::{RegionError, RegionImage, RegionOptions, find_regions};
+use super::super::regions::{RegionError, RegionImage, find_regions};
 use super::{Found, MaskSource, Seen, SourceError};
+use crate::config::types::segment::MasksConfig;
 use crate::segment::pictures::Picture;
 
 /// The source that needs no network.
 #[derive(Clone, Debug)]
 pub struct Regions {
     background: [f32; 3],
-    options: RegionOptions,
+    options: MasksConfig,
 }
 
 impl Regions {
     /// Creates the source for pictures over `background`.
     #[must_use]
-    pub fn new(background: [f32; 3], options: RegionOptions) -> Self {
+    pub fn new(background: [f32; 3], options: MasksConfig) -> Self {
         Self { background, options }
     }
 }

@@ -3,6 +3,7 @@
 use super::super::alpha::{background_below, on_background};
 use super::super::sam::{AutomaticOptions, Sam, SamConfig, SamError, generate};
 use super::{Found, MaskSource, Seen, SourceError};
+use crate::config::types::segment::MasksConfig;
 use burn::tensor::Device;
 use std::path::Path;
 
@@ -15,23 +16,31 @@ pub struct SamSource {
     name: String,
     sam: Sam,
     options: AutomaticOptions,
+    config: MasksConfig,
 }
 
 impl SamSource {
-    /// Creates the source from a loaded network.
+    /// Creates the source from a loaded network; `config` says which of its masks are background.
     #[must_use]
-    pub fn new(sam: Sam, options: AutomaticOptions) -> Self {
+    pub fn new(sam: Sam, options: AutomaticOptions, config: MasksConfig) -> Self {
         let points = options.points_per_side;
-        Self { name: format!("sam, {points} by {points} points"), sam, options }
+        Self { name: format!("sam, {points} by {points} points"), sam, options, config }
     }
 
     /// Loads MobileSAM's weights; `points` is the number of points along a side of the grid.
     ///
     /// # Errors
     /// As [`Sam::load`].
-    pub fn load(weights: &Path, points: usize, device: &Device) -> Result<Self, SamError> {
+    pub fn load(weights: &Path, points: usize, config: &MasksConfig, device: &Device) -> Result<Self, SamError> {
         let sam = Sam::load(weights, &SamConfig::default(), device)?;
-        Ok(Self::new(sam, AutomaticOptions { points_per_side: points, ..AutomaticOptions::default() }))
+        let options = AutomaticOptions {
+            points_per_side: points,
+            predicted_iou: config.sam_predicted_iou,
+            stability: config.sam_stability,
+            box_overlap: config.sam_box_overlap,
+            ..AutomaticOptions::default()
+        };
+        Ok(Self::new(sam, options, config.clone()))
     }
 
     /// Estimates the seconds that the full-size network takes for `pictures` pictures, with `points` points along a
@@ -52,7 +61,7 @@ impl MaskSource for SamSource {
         let byte = |v: &f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
         let rgb: Vec<u8> = picture.rgba.chunks_exact(4).flat_map(|p| &p[..3]).map(byte).collect();
         let mut masks = generate(&self.sam, &rgb, picture.width, picture.height, &self.options)?;
-        let below = background_below(picture);
+        let below = background_below(picture, &self.config);
         masks.retain(|m| !on_background(picture, &m.mask, below));
         let found = masks.into_iter().map(|m| Found {
             mask: m.mask,
@@ -97,7 +106,7 @@ mod tests {
             stability: 0.0,
             ..AutomaticOptions::default()
         };
-        let source = SamSource::new(sam, options);
+        let source = SamSource::new(sam, options, MasksConfig::default());
         let find = |picture: &Picture| source.find(&Seen { view: 0, group: 0, picture, front: None }).unwrap();
         let found = find(&picture(|_| 1.0));
         assert!(!found.is_empty());
