@@ -12,7 +12,7 @@ use crate::memory::{Budget, product};
 use crate::model::HostGaussians;
 use crate::segment::masks::handout::{self, FILE, Handout, HandoutError};
 use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
-use crate::segment::masks::origin::{MaskKind, MaskOrigin};
+use crate::segment::masks::registry::{ChosenSource, SourceViews};
 use crate::segment::masks::sheet::overlay;
 use crate::segment::masks::source::{Found, Group};
 use crate::segment::masks::store::MAX_VIEWS;
@@ -34,17 +34,16 @@ const VIEW_BYTES: usize = 1000;
 const PIXEL_BYTES: usize = 100;
 /// Maximum number of such pictures in memory at once.
 const AT_ONCE: usize = 8;
-/// Bytes per point of the grid at which the network is queried.
-const POINT_BYTES: usize = 64;
 
 /// A request for masks.
 #[derive(Clone, Copy, Debug)]
 pub struct MaskRequest<'a> {
-    /// Names of segments; if empty, those of the pictures written for [`MaskKind::Dir`], else all that are not parts of
+    /// Names of segments; if empty, those of the pictures written for another program, if
+    /// it made the masks, else all that are not parts of
     /// another.
     pub segments: &'a [String],
     /// What finds the masks.
-    pub kind: &'a MaskKind,
+    pub source: &'a ChosenSource,
     /// Number of views on a Fibonacci sphere, [`VIEWS`] if `None`; for labels, the maximum number of the dataset's
     /// views at that time.
     pub views: Option<usize>,
@@ -64,7 +63,11 @@ pub struct MaskPlan {
     /// Note for the user.
     pub note: Option<String>,
     /// What finds the masks.
-    origin: MaskOrigin,
+    source: ChosenSource,
+    /// Groups that it may know besides these.
+    others: Vec<String>,
+    /// The ground truth and its views, which are those of `shots`, if the masks are label images.
+    labelled: Option<(Truth, Vec<LabelledView>)>,
 }
 
 impl MaskPlan {
@@ -81,17 +84,13 @@ impl MaskPlan {
             let all = product(&[width, height, PIXEL_BYTES * plan.shots.len().min(AT_ONCE) + 3 * shown]);
             budget.check(format!("pictures of {width}x{height} pixels"), all).map_err(RunError::input)?;
         }
-        if let MaskKind::Sam { points, .. } = *request.kind {
-            budget
-                .check(format!("--points {points}"), product(&[points, points, POINT_BYTES]))
-                .map_err(RunError::input)?;
-        }
         Ok(plan)
     }
 
     fn drawn(run: &OpenRun, around: &Surroundings, request: &MaskRequest<'_>) -> Result<Self, RunError> {
         let all = run.segments()?;
-        let handout = matches!(request.kind, MaskKind::Dir(_)).then(|| read_handout(run)).transpose()?;
+        let views = request.source.views();
+        let handout = (views == SourceViews::HandedOut).then(|| read_handout(run)).transpose()?;
         let mut names: Vec<String> = match &handout {
             _ if !request.segments.is_empty() => request.segments.to_vec(),
             Some(list) => list.groups.iter().map(|g| g.name.clone()).collect(),
@@ -109,39 +108,33 @@ impl MaskPlan {
         if let Some(list) = &handout {
             check_groups(run, list, &groups)?;
         }
-        let around = |origin| {
+        let around = || {
             let views = request.views.unwrap_or(VIEWS);
             if views > MAX_VIEWS {
                 return Err(RunError::input(format!("--views {views}: a mask file holds at most {MAX_VIEWS} views")));
             }
             Budget::now().check(format!("--views {views}"), product(&[views, VIEW_BYTES])).map_err(RunError::input)?;
-            Ok::<_, RunError>((origin, Shot::numbered(training_cameras(views, around.sphere, around.lens))))
+            Ok::<_, RunError>(Shot::numbered(training_cameras(views, around.sphere, around.lens)))
         };
-        let (mut time, mut note) = (time, None);
-        let (origin, shots) = match (request.kind, handout) {
-            (MaskKind::Dir(path), Some(list)) => {
-                time = list.time;
-                let others = list.groups.into_iter().map(|g| g.name).filter(|name| !names.contains(name)).collect();
-                (MaskOrigin::Dir { path: path.clone(), others }, list.views)
+        let source = request.source.clone();
+        let mut plan = Self { groups, shots: Vec::new(), time, note: None, source, others: Vec::new(), labelled: None };
+        if let Some(list) = handout {
+            plan.time = list.time;
+            plan.others = list.groups.into_iter().map(|g| g.name).filter(|name| !names.contains(name)).collect();
+            plan.shots = list.views;
+        } else if views == SourceViews::Labelled {
+            let (truth, views) = labels(run, request, time)?;
+            plan.time = views.first().map_or(time, |v| v.time);
+            if plan.time != time {
+                plan.note = Some(format!("label images are of time {}, the nearest to {time} that has any", plan.time));
             }
-            (MaskKind::Dir(path), None) => around(MaskOrigin::Dir { path: path.clone(), others: Vec::new() })?,
-            (MaskKind::Labels, _) => {
-                let (truth, views) = labels(run, request, time)?;
-                let found = views.first().map_or(time, |v| v.time);
-                if found != time {
-                    note = Some(format!("label images are of time {found}, the nearest to {time} that has any"));
-                }
-                time = found;
-                let shot = |v: &LabelledView| Shot { file: v.name.clone(), camera: v.camera.clone() };
-                let shots = views.iter().map(shot).collect();
-                (MaskOrigin::Labels(truth, views), shots)
-            }
-            (MaskKind::Regions, _) => around(MaskOrigin::Regions)?,
-            (MaskKind::Sam { weights, points }, _) => {
-                around(MaskOrigin::Sam { weights: weights.clone(), points: *points })?
-            }
-        };
-        Ok(Self { groups, shots, time, note, origin })
+            let shot = |v: &LabelledView| Shot { file: v.name.clone(), camera: v.camera.clone() };
+            plan.shots = views.iter().map(shot).collect();
+            plan.labelled = Some((truth, views));
+        } else {
+            plan.shots = around()?;
+        }
+        Ok(plan)
     }
 
     /// Returns the number of pictures to draw.
@@ -185,7 +178,8 @@ pub fn make(
 ) -> Result<Option<Made>, RunError> {
     let at = run.scene.host_at(plan.time as f32);
     let job = plan.job(run, &at, device);
-    let source = plan.origin.open(&job).map_err(RunError::input)?;
+    let labelled = plan.labelled.as_ref().map(|(truth, views)| (truth, &views[..]));
+    let source = plan.source.open(&job, &plan.others, labelled).map_err(RunError::input)?;
     let every = plan.shots.len().div_ceil(4);
     let mut shown = Vec::new();
     let made = make_masks(&job, source.as_ref(), &run.paths().masks(), |seen, found| {

@@ -7,10 +7,10 @@ use super::SweepError;
 use super::axes::{Settings, Variant, flatten};
 use super::file::SweepFile;
 use super::plan::PlanOptions;
-use super::spec::SegmentSpec;
 use crate::config::layers::Layers;
 use crate::config::types::{Config, SegmentConfig};
 use crate::config::{PRESETS, RESERVED_VARIABLES};
+use crate::eval::segments::SegmentOptions;
 use crate::method;
 use crate::words::plain;
 use std::path::Path;
@@ -18,6 +18,8 @@ use toml::{Table, Value};
 
 /// Prefix of the keys that say how segments are measured.
 const SEGMENTS: &str = "segments.";
+/// The method that is measured unless another is named.
+const METHOD: &str = "coarse+fine";
 /// Section of the configuration that says how a scene becomes segments.
 const SEGMENT: &str = "segment";
 
@@ -33,7 +35,7 @@ pub(super) struct Resolved {
     pub config: Config,
     /// The same as TOML text, with every key but those of segmentation.
     pub toml: String,
-    pub segments: Option<SegmentSpec>,
+    pub segments: Option<SegmentOptions>,
 }
 
 impl Base<'_> {
@@ -59,7 +61,10 @@ impl Base<'_> {
         let config = &resolved.value.segment;
         let segments = self.segments(&set, &variant.settings, config).map_err(&bad)?;
         if let Some(spec) = &segments {
-            spec.options(seed).map_err(&bad)?;
+            spec.check().map_err(|e| bad(e.to_string()))?;
+            if spec.methods.len() != 1 {
+                return Err(bad("segments.method: give one to each variant".to_owned()));
+            }
             let name = &resolved.value.method;
             if !method::find(name).map_err(&bad)?.has_persistent_gaussians() {
                 return Err(bad(format!("segments: the method {name} has no Gaussians that stay the same over time")));
@@ -74,7 +79,7 @@ impl Base<'_> {
         set: &Settings,
         variant: &Settings,
         config: &SegmentConfig,
-    ) -> Result<Option<SegmentSpec>, String> {
+    ) -> Result<Option<SegmentOptions>, String> {
         let mut table = self.file.segments.clone();
         let command_line = self.options.set.iter().filter_map(|s| {
             let (key, value) = s.split_once('=')?;
@@ -87,15 +92,23 @@ impl Base<'_> {
                 table.get_or_insert_default().insert(key.to_owned(), value);
             }
         }
-        let read = |t: Table| {
+        let read = |mut t: Table| {
             if t.contains_key(SEGMENT) {
                 return Err("segments.segment: options of segmentation have keys of their own, segment.*".to_owned());
             }
-            let spec = t.try_into().map_err(|e: toml::de::Error| format!("segments: {}", plain(e.message())));
-            let mut spec: SegmentSpec = spec?;
+            // each alone first, as the error does not name the key
+            for (key, value) in &t {
+                let alone = Table::from_iter([(key.clone(), value.clone())]).try_into::<SegmentOptions>();
+                alone.map_err(|e| format!("segments.{key}: {}", plain(e.message())))?;
+            }
+            t.entry("method").or_insert_with(|| METHOD.into());
+            let mut spec: SegmentOptions =
+                t.try_into().map_err(|e: toml::de::Error| format!("segments: {}", e.message()))?;
             spec.segment = config.clone();
             let base = self.path.parent().unwrap_or(Path::new(""));
-            spec.place(base).map_err(|e| format!("segments: {e}"))?;
+            for path in [&mut spec.mask_dir, &mut spec.sam_weights].into_iter().flatten() {
+                *path = std::path::absolute(base.join(&*path)).map_err(|e| format!("segments: {e}"))?;
+            }
             Ok::<_, String>(spec)
         };
         table.map(read).transpose()

@@ -5,7 +5,7 @@ use crate::driver::{Target, accepted, fuzz};
 use image::Luma;
 use std::path::Path;
 use volseggs::segment::masks::handout::{self, Handout};
-use volseggs::segment::masks::source::foreign::Foreign;
+use volseggs::segment::masks::source::dir::Foreign;
 use volseggs::segment::masks::source::{MaskSource, Seen};
 use volseggs::segment::masks::{Annotation, Header, Mask, MaskReader, MaskWriter, View, rle};
 use volseggs::segment::pictures::Picture;

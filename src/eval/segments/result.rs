@@ -3,6 +3,7 @@
 use super::measure::{FrameScore, PictureScore};
 use super::method::Method;
 use super::setting::TRIES;
+use crate::config::types::SegmentConfig;
 use crate::eval::results::DataId;
 use image::RgbImage;
 use serde::Serialize;
@@ -207,11 +208,14 @@ pub struct SegmentEvaluation {
     /// Time of the clicks.
     pub time: f64,
     /// Source of the masks.
-    pub masks: &'static str,
+    pub masks: String,
     /// Number of views with masks.
     pub mask_views: usize,
     /// Seed of clusters and fields.
     pub seed: u64,
+    /// The options of segmentation, unless all have their defaults.
+    #[serde(skip_serializing_if = "SegmentConfig::is_default")]
+    pub segment: SegmentConfig,
     /// Number of settings that the oracle tried for each method and click; 0 if it was not used. The fixed setting is
     /// one of them.
     pub oracle_tries: usize,

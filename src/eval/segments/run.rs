@@ -41,24 +41,21 @@ pub fn evaluate_segments(
 ) -> Result<(SegmentEvaluation, Trained), SegmentEvalError> {
     let views = labelled(truth, options.time)?;
     let time = views.first().map_or(options.time, |v| v.view.time);
-    let targets = targets(truth, &options.segments, &options.unions, time)?;
+    let (source, config) = (options.check()?, options.config());
+    let targets = targets(truth, &options.only, &options.unions, time)?;
     let device = scene.gaussians.means.val().device();
     let at = scene.host_at(time as f32);
-    let trainers = Trainers { scene, truth, at: &at, views: &views, options, device: &device };
+    let (config, source) = (&config, &source);
+    let trainers = Trainers { scene, truth, at: &at, views: &views, options, config, source, device: &device };
     let trained = trainers.train(time, work, &mut say)?;
-    let scenery = Scenery { at: &at, trained: &trained, config: &options.config };
+    let scenery = Scenery { at: &at, trained: &trained, config };
 
     let (mut clicked, mut not_seen) = (Vec::new(), Vec::new());
     for target in &targets {
         say(&format!("segment {}: clicks", target.name));
-        let prompt = Prompt::new(
-            &views,
-            &target.ids,
-            (&at, scene.spec.rendering()),
-            (options.clicks, &options.config.click),
-            &device,
-        )
-        .map_err(|e| e.to_string())?;
+        let prompt =
+            Prompt::new(&views, &target.ids, (&at, scene.spec.rendering()), (options.clicks, &config.click), &device)
+                .map_err(|e| e.to_string())?;
         let Some(prompt) = prompt else {
             say(&format!(
                 "segment {}: not visible at time {time:.3}, so it cannot be clicked; try another --time",
@@ -79,9 +76,10 @@ pub fn evaluate_segments(
     let mut evaluation = SegmentEvaluation {
         data: DataId::default(),
         time,
-        masks: options.masks.name(),
+        masks: options.masks.clone(),
         mask_views: trainers.mask_views(),
         seed: options.seed,
+        segment: config.clone(),
         oracle_tries: if options.oracle { TRIES } else { 0 },
         volume_times: volume_times.clone(),
         palette: trained.coarse().palette.iter().map(|p| p.name.clone()).collect(),
@@ -182,7 +180,7 @@ fn choose(
     options: &SegmentOptions,
     (scene, time): (&Scene, f64),
 ) -> Result<Choice, SegmentEvalError> {
-    let setting = Setting::fixed(method, &options.config);
+    let setting = Setting::fixed(method, scenery.config);
     let next = |members: &[u32]| prompt.next(&oracle::flags(members, scenery.at.len()));
     let mut fixed = fixed(scenery, (method, &setting), prompt.first(), options.clicks.max(1), next)?;
     let best = || oracle::best(scenery, method, prompt, options.clicks.max(1));
@@ -193,7 +191,7 @@ fn choose(
             let started = Instant::now();
             let within = scenery.searched(method, &selected.members);
             selected.members =
-                propagate(scene, &selected.members, &within, time, &options.config).map_err(|e| e.to_string())?;
+                propagate(scene, &selected.members, &within, time, scenery.config).map_err(|e| e.to_string())?;
             *seconds += started.elapsed().as_secs_f64();
         }
     }

@@ -260,9 +260,10 @@ mod tests {
         SegmentEvaluation {
             data: DataId::default(),
             time: 0.5,
-            masks: "regions",
+            masks: "regions".to_owned(),
             mask_views: 4,
             seed: 0,
+            segment: crate::config::types::SegmentConfig::default(),
             oracle_tries: 0,
             volume_times: Vec::new(),
             partly_known: Vec::new(),

@@ -1,14 +1,60 @@
 //! Masks of MobileSAM's automatic mode as a source.
 
 use super::super::alpha::{background_below, on_background};
-use super::super::sam::{AutomaticOptions, Sam, SamConfig, SamError, generate};
+use super::super::registry::{
+    MaskSourceKind, SourceInput, SourceOpenError, SourceOption, SourceOptions, SourceProblem,
+};
+use super::super::sam::{AutomaticOptions, Sam, SamConfig, SamError, checkpoint, generate};
 use super::{Found, MaskSource, Seen, SourceError};
 use crate::config::types::segment::MasksConfig;
+use crate::memory::{Budget, product};
 use burn::tensor::Device;
 use std::path::Path;
 
 /// Seconds per picture and per point of the grid, measured on two cores.
 const SECONDS: [f64; 2] = [4.0, 0.12];
+
+/// Default number of points along a side of the grid that prompts the network; as published.
+pub const POINTS: usize = 32;
+/// Bytes per point of this grid.
+const POINT_BYTES: usize = 64;
+
+/// MobileSAM.
+pub struct SamKind;
+
+impl MaskSourceKind for SamKind {
+    fn help(&self) -> &str {
+        "MobileSAM"
+    }
+
+    fn reads(&self) -> &[SourceOption] {
+        &[SourceOption::Weights, SourceOption::Points]
+    }
+
+    fn complete(&self, options: SourceOptions) -> Result<SourceOptions, SourceProblem> {
+        let bad = |option| move |problem| SourceProblem { option, problem };
+        let points = options.points.unwrap_or(POINTS);
+        if points == 0 {
+            return Err(bad(SourceOption::Points)("must be at least 1".to_owned()));
+        }
+        let grid = product(&[points, points, POINT_BYTES]);
+        let fits = Budget::now().check(format!("{points} points along each side"), grid);
+        fits.map_err(|e| bad(SourceOption::Points)(e.to_string()))?;
+        let weights = checkpoint::locate(options.weights.as_deref());
+        let weights = weights.map_err(|e| bad(SourceOption::Weights)(e.to_string()))?;
+        Ok(SourceOptions { weights: Some(weights), points: Some(points), ..options })
+    }
+
+    fn seconds(&self, pictures: usize, options: &SourceOptions) -> Option<f64> {
+        Some(SamSource::seconds(pictures, options.points.unwrap_or(POINTS)))
+    }
+
+    fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceOpenError> {
+        let SourceOptions { weights, points, .. } = input.options;
+        let (weights, points) = (weights.as_deref().unwrap_or(Path::new("")), points.unwrap_or(POINTS));
+        Ok(Box::new(SamSource::load(weights, points, input.job.config, input.job.device)?))
+    }
+}
 
 /// A network prompted with a grid of points.
 #[derive(Clone, Debug)]
