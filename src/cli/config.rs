@@ -2,7 +2,7 @@
 
 use super::CliError;
 use crate::config::layers::{ConfigError, Layers, Resolved, file_schema};
-use crate::config::types::Config;
+use crate::config::types::{Config, segment::SECTION as SEGMENT};
 use crate::config::{PRESET_IF_NONE_GIVEN, PRESETS, RESERVED_VARIABLES};
 use crate::files::is_user_error;
 use crate::method;
@@ -72,7 +72,7 @@ impl ConfigSource {
             )));
         }
         let config = run_config.to_string_lossy().into_owned();
-        Layers::new(PRESETS).source(&config).resolve::<Config>()?.complete(run_config, "segment")?;
+        Layers::new(PRESETS).source(&config).resolve::<Config>()?.complete(run_config, SEGMENT)?;
         Self { config: Some(config), ..self.clone() }.resolve()
     }
 }

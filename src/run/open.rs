@@ -3,7 +3,7 @@
 use super::RunError;
 use crate::config::PRESETS;
 use crate::config::layers::Layers;
-use crate::config::types::Config;
+use crate::config::types::{Config, segment::SECTION as SEGMENT};
 use crate::edit::EditStack;
 use crate::files::{RunLock, RunPaths, Work};
 use crate::method;
@@ -282,9 +282,6 @@ impl<S: Trained> OpenRun<S> {
 fn read(file: &Path) -> Result<String, RunError> {
     std::fs::read_to_string(file).map_err(|e| RunError::input(format!("{}: {e}", file.display())))
 }
-
-/// Section of the configuration that training does not read; runs of sweeps lack it.
-const SEGMENT: &str = "segment";
 
 /// Reads the configuration of a run from its file.
 pub(super) fn config_in(file: &Path) -> Result<Config, RunError> {

@@ -9,7 +9,7 @@ use super::file::SweepFile;
 use super::plan::PlanOptions;
 use super::spec::SegmentSpec;
 use crate::config::layers::Layers;
-use crate::config::types::{Config, SegmentConfig};
+use crate::config::types::{Config, SegmentConfig, segment::SECTION as SEGMENT};
 use crate::config::{PRESET_IF_NONE_GIVEN, PRESETS, RESERVED_VARIABLES};
 use crate::method;
 use crate::words::plain;
@@ -18,8 +18,6 @@ use toml::{Table, Value};
 
 /// Prefix of the keys that say how segments are measured.
 const SEGMENTS: &str = "segments.";
-/// Section of the configuration that says how a scene becomes segments.
-const SEGMENT: &str = "segment";
 
 /// What every variant starts from: the sweep file and what the command line sets.
 pub(super) struct Base<'a> {

@@ -19,6 +19,9 @@ use serde::{Deserialize, Serialize};
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 
+/// Name of this section of the configuration. Training does not read it, and runs of sweeps lack it.
+pub const SECTION: &str = "segment";
+
 /// Declares a section: options as `name: type = default, range;`, the range only for numbers, inclusive.
 macro_rules! section {
     ($(#[$about:meta])* $name:ident, $path:literal {
