@@ -9,7 +9,7 @@
 use burn::tensor::Device;
 use safetensors::SafeTensors;
 use std::time::Instant;
-use volseggs::config::preset;
+use volseggs::method::preset;
 use volseggs::model::HostGaussians;
 use volseggs::model::Scene;
 use volseggs::model::scene::SceneSpec;

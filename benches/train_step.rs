@@ -18,11 +18,11 @@ mod whole;
 
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{Numbers, SH_COEFFICIENTS, Samples, Scene, Splatter, measure};
-use volseggs::config::preset;
 use volseggs::config::types::{Config, DecoderKind, ModelConfig};
 use volseggs::device::DeviceName;
+use volseggs::method::preset;
 use volseggs::model::HostGaussians;
-use volseggs::model::encoder::field_shape;
+use volseggs::model::factorised::field_shape;
 use volseggs::train::densify::{self, Statistics};
 use volseggs::train::due::Due;
 use volseggs::train::losses;

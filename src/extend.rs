@@ -1,54 +1,64 @@
-//! Extension points: custom loss terms, space-time encoders, learning-rate schedules, metrics and whole methods,
-//! without changes to this crate.
+//! Extension points: custom loss terms, space-time encoders, learning-rate schedules, densification rules, metrics and
+//! whole methods, without changes to this crate.
 //!
 //! A small program registers them by name, then calls [`crate::main`]; from then on configurations, sweeps and commands
 //! accept these names. `docs/research.md` shows one of each; `examples/extended` is such a program.
 //!
 //! A name consists of letters, digits, `-` and `_`; any other character becomes `_`. Registering a name again replaces
-//! its previous entry. The registry is global to the process: register before training or loading a scene.
+//! its previous entry, also a built-in one: these are in the same tables. A table is global to the process, and an entry
+//! lives as long: register before training or loading a scene.
 //!
 //! The functions that register are here; each trait is defined beside the code that uses it.
 
+pub use crate::config::sections::{Section, Settings};
 pub use crate::eval::metric::{Metric, MetricInput, registered as metrics};
 pub use crate::method::network::{Network, OneNetwork, Seen};
 pub use crate::method::{Counts, Method, Model, Saved, Training};
-pub use crate::model::encoder_definition::{EncoderDefinition, Parameter, Parameters, find_encoder};
+pub use crate::model::encoder::{EncoderFactory, find_encoder};
+pub use crate::model::encoder_definition::{EncoderDefinition, Parameter, Parameters};
 pub use crate::registry::NotRegistered;
-pub use crate::train::loss_term::{LossInput, LossTerm, find_loss_term};
+pub use crate::train::densify::{Candidates, DensificationRule, Row, find_rule};
+pub use crate::train::losses::{LossInput, LossTerm, find_loss_term};
 pub use crate::train::rate_schedule::{Schedule, find_schedule};
 pub use volseggs_kernels::Camera as PinholeCamera;
 
 use crate::eval::metric::METRICS;
 use crate::method::METHODS;
-use crate::model::encoder_definition::ENCODERS;
-use crate::train::loss_term::LOSS_TERMS;
+use crate::model::defined_encoder::Defined;
+use crate::model::encoder::ENCODERS;
+use crate::train::densify::RULES;
+use crate::train::losses::LOSS_TERMS;
 use crate::train::rate_schedule::SCHEDULES;
-use std::sync::Arc;
 
 /// Registers a loss term; `loss.extra.NAME = WEIGHT` uses it.
 pub fn loss_term(name: &str, term: impl LossTerm + 'static) {
-    LOSS_TERMS.insert(name, Arc::new(term));
+    LOSS_TERMS.insert(name, Box::new(term));
 }
 
-/// Registers an encoder; `model.encoder = "extra"` with `model.extra_encoder = "NAME"` uses it.
+/// Registers an encoder; `model.encoder = "NAME"` uses it. It replaces a built-in encoder of that name.
 pub fn encoder(name: &str, definition: impl EncoderDefinition + 'static) {
-    ENCODERS.insert(name, Arc::new(definition));
+    ENCODERS.insert(name, Box::new(Defined(Box::leak(Box::new(definition)))));
 }
 
 /// Registers a schedule; `optim.schedule = "NAME"` uses it. It replaces a built-in schedule of that name.
 pub fn schedule(name: &str, schedule: impl Schedule + 'static) {
-    SCHEDULES.insert(name, Arc::new(schedule));
+    SCHEDULES.insert(name, Box::new(schedule));
+}
+
+/// Registers a densification rule; `densify.mode = "NAME"` uses it. It replaces a built-in rule of that name.
+pub fn densification(name: &str, rule: impl DensificationRule + 'static) {
+    RULES.insert(name, Box::new(rule));
 }
 
 /// Registers a metric; every later evaluation computes it. Its name should not be that of a built-in metric.
 pub fn metric(name: &str, metric: impl Metric + 'static) {
-    METRICS.insert(name, Arc::new(metric));
+    METRICS.insert(name, Box::new(metric));
 }
 
 /// Registers a method; `method = "NAME"`, or `volseggs train --method NAME`, trains with it. It replaces a built-in
 /// method of that name.
 pub fn method(name: &str, method: impl Method + 'static) {
-    METHODS.insert(name, Arc::new(method));
+    METHODS.insert(name, Box::new(method));
 }
 
 /// Registers a method that consists of a single network, see [`Network`].

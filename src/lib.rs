@@ -52,7 +52,6 @@ pub mod compare;
 pub mod demo;
 pub mod eval;
 pub mod extend;
-pub mod method;
 pub mod run;
 pub mod sweep;
 #[cfg(feature = "view")]
@@ -63,16 +62,17 @@ pub use volseggs_base::{
     draw, durations, files, log, memory, name, points, process, program, report, rng, shell, tensors, versioned, words,
 };
 pub use volseggs_core::{config, device, export, metrics, model, train};
+pub use volseggs_methods as method;
 pub use volseggs_segment::{edit, segment, track};
 pub use volseggs_volume::{data, prepare, volume};
 
 /// What most programs need.
 pub mod prelude {
-    pub use crate::config::preset;
     pub use crate::config::types::Config;
     pub use crate::data::{Camera, Dataset, OpenOptions, Split, SplitName};
     pub use crate::device::DeviceName;
     pub use crate::edit::EditStack;
+    pub use crate::method::preset;
     pub use crate::metrics::psnr::psnr;
     pub use crate::metrics::ssim::ssim_rgb;
     pub use crate::model::{HostGaussians, Model, Scene, ToKernel};
@@ -92,6 +92,7 @@ pub use burn;
 #[must_use]
 pub fn main() -> std::process::ExitCode {
     memory::keep_freed_pages();
+    method::add_sections();
     process::report_file_limits();
     let command = cli::Cli::read();
     let started = process::start_threads().map_err(cli::CliError::failure);

@@ -10,8 +10,6 @@ mod method;
 use common::{dataset, json, metrics, names, newest_bytes, refused, text, train, volseggs};
 use std::path::Path;
 use volseggs::cli::Cli;
-use volseggs::config::PRESETS;
-use volseggs::config::layers::Layers;
 use volseggs::config::types::Config;
 use volseggs::device::DeviceName;
 use volseggs::extend;
@@ -34,7 +32,7 @@ const SETTINGS: [&str; 7] = [
 fn resolved(more: &[&str]) -> (Config, String) {
     extend::network("pixels", method::Pixels);
     let sets = SETTINGS.iter().chain(more).map(|s| (*s).to_owned());
-    let resolved = Layers::new(PRESETS).source("best").sets(sets).resolve::<Config>().unwrap();
+    let resolved = volseggs::method::layers().source("best").sets(sets).resolve::<Config>().unwrap();
     (resolved.value.clone(), resolved.to_toml().unwrap())
 }
 
@@ -359,7 +357,7 @@ fn a_run_out_of_time_is_complete_and_continues_with_a_longer_limit() {
     let longer = trained(root.path(), "short", Start::Resume, None, &["output.max_minutes=600"]);
     assert_eq!((longer.reason.is_complete(), longer.record.steps), (true, whole.record.steps));
     assert!(newest_bytes(&run) == newest_bytes(&root.path().join("whole")), "the time limit must not affect the steps");
-    let refused = Layers::new(PRESETS).sets(["output.max_minutes=-1"]).resolve::<Config>().unwrap();
+    let refused = volseggs::method::layers().sets(["output.max_minutes=-1"]).resolve::<Config>().unwrap();
     let error = volseggs::train::check_config(&refused.value).unwrap_err().to_string();
     assert!(error.contains("output.max_minutes = -1"), "{error}");
 }

@@ -3,6 +3,8 @@
 
 mod common;
 
+#[path = "../examples/extended/densification.rs"]
+mod densification;
 #[path = "../examples/extended/encoder.rs"]
 mod encoder;
 #[path = "../examples/extended/loss.rs"]
@@ -16,9 +18,7 @@ use common::{SETTINGS, dataset, json, text, train_arguments};
 use std::path::Path;
 use volseggs::burn::tensor::{Device, Tensor, TensorData};
 use volseggs::cli::Cli;
-use volseggs::config::PRESETS;
-use volseggs::config::layers::Layers;
-use volseggs::config::types::Config;
+use volseggs::config::types::{Config, OptimConfig};
 use volseggs::data::{Dataset, OpenOptions};
 use volseggs::device::DeviceName;
 use volseggs::extend::{self, EncoderDefinition, LossInput, LossTerm, Metric, MetricInput, Parameters, Schedule};
@@ -35,13 +35,14 @@ fn register() {
     extend::encoder("waves", encoder::Waves { frequency: 3.0 });
     extend::encoder("fast-waves", encoder::Waves { frequency: 9.0 });
     extend::schedule("warm-cosine", schedule::WarmCosine { warm: 0.05, last: 0.01 });
+    extend::densification("opaque", densification::Opaque { opacity: 0.1 });
     extend::metric("foreground_psnr", metric::ForegroundPsnr);
 }
 
 fn config(more: &[&str]) -> Config {
     register();
     let settings = SETTINGS.iter().chain(more).map(|s| (*s).to_owned());
-    Layers::new(PRESETS).source("best").sets(settings).resolve::<Config>().unwrap().value
+    volseggs::method::layers().source("best").sets(settings).resolve::<Config>().unwrap().value
 }
 
 fn open(root: &Path) -> Dataset {
@@ -89,7 +90,7 @@ fn the_page_quotes_the_example_files() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let read = |path: &str| std::fs::read_to_string(root.join(path)).unwrap();
     let page = read("docs/research.md");
-    for name in ["main", "loss", "encoder", "schedule", "metric", "method"] {
+    for name in ["main", "loss", "encoder", "schedule", "densification", "metric", "method"] {
         let path = format!("examples/extended/{name}.rs");
         assert!(page.contains(&format!("```rust\n{}```\n", read(&path))), "docs/research.md does not show {path}");
     }
@@ -103,14 +104,10 @@ fn an_unregistered_name_is_refused_and_the_registered_ones_are_listed() {
         (&["loss.extra.edgs=0.1"], &["loss.extra", "edgs", "edges"]),
         (&["loss.extra.edgs=0"], &["loss.extra", "edgs", "edges"]),
         (&["loss.extra.edges=-1"], &["loss.extra.edges", "0 or above"]),
-        (&["model.encoder=extra"], &["model.extra_encoder", "waves"]),
-        (&["model.encoder=extra", "model.extra_encoder=hash"], &["model.extra_encoder", "hash", "fast-waves, waves"]),
-        (&["model.extra_encoder=waves"], &["model.extra_encoder", "only with"]),
-        (&["optim.schedule=cosin"], &["optim.schedule", "cosin", "warm-cosine", "log-linear, cosine, constant"]),
-        (
-            &["model.encoder=extra", "model.extra_encoder=waves", "speed.cull_visits=4"],
-            &["speed.cull_visits", "factorised"],
-        ),
+        (&["model.encoder=hash"], &["model.encoder", "hash", "factorised, hexplane, implicit, fast-waves, waves"]),
+        (&["densify.mode=opaqe"], &["densify.mode", "opaqe", "budget, threshold, relocate, off, opaque"]),
+        (&["optim.schedule=cosin"], &["optim.schedule", "cosin", "warm-cosine", "log-linear, cosine, constant, "]),
+        (&["model.encoder=waves", "speed.cull_visits=4"], &["speed.cull_visits", "factorised"]),
     ];
     for (settings, words) in cases {
         match Trainer::new(config(settings), &data, &device()) {
@@ -126,7 +123,7 @@ fn an_unregistered_name_is_refused_and_the_registered_ones_are_listed() {
 fn a_schedule_with_a_non_finite_factor_is_refused() {
     struct Broken;
     impl Schedule for Broken {
-        fn factor(&self, progress: f64) -> f64 {
+        fn factor(&self, progress: f64, _: &OptimConfig) -> f64 {
             1.0 / (progress - 0.5)
         }
     }
@@ -151,9 +148,21 @@ fn the_loss_term_has_the_right_gradient_and_changes_the_result() {
     let scene = trainer.scene();
     let at = scene.at(0.5);
     let target = noise([7, 9, 4], 1, trainer.device());
+    let config = config(&[]);
     let f = |image: Tensor<3>| {
         let (camera, stage, step, time) = (&data.train.frames[0].camera, Stage::Joint(0), 0, 0.5);
-        loss::Edges.loss(&LossInput { image: &image, target: &target, scene, at: &at, camera, stage, step, time })
+        let config = &config;
+        loss::Edges.loss(&LossInput {
+            image: &image,
+            target: &target,
+            scene,
+            at: &at,
+            camera,
+            config,
+            stage,
+            step,
+            time,
+        })
     };
     let error = differences(&noise([7, 9, 4], 2, trainer.device()), 1, f);
     assert!(error < 0.01, "{error}");
@@ -183,7 +192,7 @@ fn the_encoder_trains_and_is_restored_from_its_file() {
     let data = open(root.path());
     // the default rates are meant for thousands of steps
     let rates = ["optim.encoder=0.005", "optim.decoder=0.01", "optim.final_fraction=0.3", "loss.dssim=0"];
-    let which = ["model.encoder=extra", "model.extra_encoder=waves", "stages.joint_steps=280"];
+    let which = ["model.encoder=waves", "stages.joint_steps=280"];
     let settings: Vec<&str> = which.into_iter().chain(rates).collect();
     let (trainer, losses) = trained(&data, config(&settings), 300);
     let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
@@ -207,7 +216,7 @@ fn the_encoder_trains_and_is_restored_from_its_file() {
     assert_ne!(loaded.render(camera, 0.4), loaded.render(camera, 0.9), "nothing moves");
 
     // in a program that does not know the encoder
-    loaded.spec.model.extra_encoder = "gone".to_owned();
+    loaded.spec.model.encoder = "gone".to_owned();
     loaded.save(&path).unwrap();
     let error = Scene::load(&path, &device()).unwrap_err().to_string();
     assert!(["scene.safetensors", "\"gone\"", "waves"].iter().all(|w| error.contains(w)), "{error}");
@@ -221,19 +230,32 @@ fn the_schedule_changes_only_the_decaying_rates() {
         let names = ["gaussians.means", "field.encoder.Extra.values.0", "field.decoder.x", "gaussians.rotations"];
         names.map(|name| learning_rate(name, stage, &config, 1.0).unwrap())
     };
+    let optim = config(&[]).optim;
     let full = rates("constant", 0.5);
     for progress in [0.0, 0.02, 0.05, 0.3, 0.9] {
-        let factor = schedule::WarmCosine { warm: 0.05, last: 0.01 }.factor(progress);
+        let factor = schedule::WarmCosine { warm: 0.05, last: 0.01 }.factor(progress, &optim);
         let [means, encoder, decoder, rotations] = rates("warm-cosine", progress);
         for (rate, full) in [means, encoder, decoder].iter().zip(&full) {
             assert!((rate / full - factor).abs() < 1e-9, "{progress}: {rate} {full} {factor}");
         }
         assert_eq!(rotations, rates("log-linear", progress)[3]);
     }
-    let factor = |p: f64| schedule::WarmCosine { warm: 0.05, last: 0.01 }.factor(p);
+    let factor = |p: f64| schedule::WarmCosine { warm: 0.05, last: 0.01 }.factor(p, &optim);
     assert!(
         (factor(0.0) - 0.01).abs() < 1e-12 && (factor(0.05) - 1.0).abs() < 1e-12 && (factor(1.0) - 0.01).abs() < 1e-12
     );
+}
+
+#[test]
+fn the_densification_rule_follows_the_line_to_the_budget() {
+    let root = dataset();
+    let data = open(root.path());
+    let settings = ["densify.mode=opaque", "densify.budget=240", "densify.every=5", "densify.prune_opacity=0"];
+    let spans = ["densify.warmup_from=0", "densify.joint_from=0", "densify.joint_until=30", "stages.joint_steps=40"];
+    let few: Vec<&str> = settings.into_iter().chain(spans).chain(["init.points=200", "init.opacity=0.2"]).collect();
+    let (trainer, losses) = trained(&data, config(&few), 55);
+    assert_eq!(trainer.scene().gaussians.count(), 240);
+    assert!(losses.iter().all(|loss| loss.is_finite()));
 }
 
 #[test]
@@ -254,8 +276,7 @@ fn the_metric_covers_only_the_silhouette() {
 fn the_program_accepts_all_four_extensions() {
     register();
     let root = dataset();
-    let settings =
-        ["loss.extra.edges=0.1", "model.encoder=extra", "model.extra_encoder=waves", "optim.schedule=warm-cosine"];
+    let settings = ["loss.extra.edges=0.1", "model.encoder=waves", "optim.schedule=warm-cosine"];
     let run = |arguments: Vec<String>| {
         let program = ["volseggs".to_owned()].into_iter().chain(arguments);
         Cli::from_line(program).unwrap().run().unwrap();

@@ -7,9 +7,9 @@ use burn::tensor::Device;
 use glam::DVec3;
 use std::path::Path;
 use std::time::Instant;
-use volseggs::config::preset;
-use volseggs::config::types::{Bounds, Config, DensifyMode, Placement};
+use volseggs::config::types::{Bounds, Config, Placement};
 use volseggs::data::{Camera, Dataset, OpenOptions};
+use volseggs::method::preset;
 use volseggs::model::ToKernel;
 use volseggs::model::params::to_vec;
 use volseggs::train::Trainer;
@@ -44,7 +44,7 @@ pub fn whole_step(n: usize, repeats: usize, device: &Device) -> Vec<Stage> {
     (config.init.scale, config.init.opacity, config.model.bounds) = (0.7, 0.3, Bounds::Points);
     (config.stages.warmup_steps, config.stages.joint_steps, config.stages.sh_every) = (0, 1_000_000, 0);
     config.loss.dssim_last = config.stages.joint_steps;
-    (config.densify.mode, config.densify.budget, config.densify.prune_opacity) = (DensifyMode::Off, n, 0.0);
+    (config.densify.mode, config.densify.budget, config.densify.prune_opacity) = ("off".into(), n, 0.0);
     let trainer = Trainer::new(config, &dataset, device).unwrap();
     measure_steps(trainer, &dataset, repeats)
 }
@@ -76,7 +76,7 @@ pub fn trained_step(scene: &Path, data: &Path, repeats: usize, device: &Device) 
     config.loss.dssim_last = config.stages.joint_steps;
     config.init.points = scene.gaussians.count();
     (config.densify.mode, config.densify.budget, config.densify.prune_opacity) =
-        (DensifyMode::Off, config.init.points, 0.0);
+        ("off".into(), config.init.points, 0.0);
     let trainer = Trainer::from_scene(config, scene, &dataset).unwrap();
     measure_steps(trainer, &dataset, repeats)
 }

@@ -1,5 +1,6 @@
-//! volseggs with five extensions. Every command works as in the program itself; configurations know the new names.
+//! volseggs with six extensions. Every command works as in the program itself; configurations know the new names.
 
+mod densification;
 mod encoder;
 mod loss;
 mod method;
@@ -15,6 +16,7 @@ fn main() -> std::process::ExitCode {
     volseggs::extend::encoder("waves", encoder::Waves { frequency: 3.0 });
     volseggs::extend::encoder("fast-waves", encoder::Waves { frequency: 9.0 });
     volseggs::extend::schedule("warm-cosine", schedule::WarmCosine { warm: 0.05, last: 0.01 });
+    volseggs::extend::densification("opaque", densification::Opaque { opacity: 0.1 });
     volseggs::extend::metric("foreground_psnr", metric::ForegroundPsnr);
     volseggs::extend::network("pixels", method::Pixels);
     volseggs::main()

@@ -1,6 +1,7 @@
 //! A schedule: rates rise at first, while Adam learns the size of the gradients, then fall along a cosine.
 
 use std::f64::consts::PI;
+use volseggs::config::types::OptimConfig;
 use volseggs::extend::Schedule;
 
 /// Linear warm-up, then half a period of a cosine.
@@ -12,7 +13,7 @@ pub struct WarmCosine {
 }
 
 impl Schedule for WarmCosine {
-    fn factor(&self, progress: f64) -> f64 {
+    fn factor(&self, progress: f64, _: &OptimConfig) -> f64 {
         let height = if progress < self.warm {
             progress / self.warm
         } else {

@@ -3,7 +3,7 @@
 use super::CliError;
 use crate::config::layers::{ConfigError, Layers, Resolved, file_schema};
 use crate::config::types::{Config, segment::SECTION as SEGMENT};
-use crate::config::{PRESET_IF_NONE_GIVEN, PRESETS, RESERVED_VARIABLES};
+use crate::config::{PRESET_IF_NONE_GIVEN, RESERVED_VARIABLES};
 use crate::files::is_user_error;
 use crate::method;
 use clap::{Args, Subcommand};
@@ -12,9 +12,7 @@ use std::path::Path;
 /// Where a configuration comes from.
 #[derive(Debug, Clone, Args)]
 pub struct ConfigSource {
-    /// Method: volseggs (this project's own, the default), d3dgs, 4dgs, coordnet, insitunet, visnerf, or one registered
-    /// by a custom program. The preset of that name is applied first, then --config.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", help = method_help())]
     method: Option<String>,
     /// Configuration file (TOML) or preset: best (if none is given), quick, demo, paper, official, static; for the other
     /// methods, the method's name or NAME-small (for two cores).
@@ -25,6 +23,16 @@ pub struct ConfigSource {
     set: Vec<String>,
 }
 
+/// Help on `--method`, with the methods that there are.
+fn method_help() -> String {
+    let names = method::names();
+    format!(
+        "Method: {} (the first one is this project's own, and the default). The preset of that name is applied first, then \
+         --config",
+        names.join(", ")
+    )
+}
+
 impl ConfigSource {
     /// Returns the preset that is used because neither a file nor the preset of another method is given.
     pub(super) fn preset_if_none_given(&self) -> Option<&'static str> {
@@ -33,7 +41,7 @@ impl ConfigSource {
 
     /// Returns the preset of the method, if it has one.
     fn preset_of_method(&self) -> Option<&str> {
-        self.method.as_deref().filter(|name| PRESETS.iter().any(|(preset, _)| preset == name))
+        self.method.as_deref().filter(|name| method::presets().iter().any(|(preset, _)| preset == name))
     }
 
     /// Resolves the defaults, the method's preset, the file and what it extends, `VOLSEGGS_*` variables and `--set`.
@@ -42,7 +50,7 @@ impl ConfigSource {
             method::find(name).map_err(|e| CliError::input(format!("--method: {e}")))?;
         }
         let sources = [self.preset_of_method(), self.config.as_deref(), self.preset_if_none_given()];
-        let mut layers = sources.into_iter().flatten().fold(Layers::new(PRESETS), Layers::source);
+        let mut layers = sources.into_iter().flatten().fold(method::layers(), Layers::source);
         if let (Some(name), None) = (&self.method, self.preset_of_method()) {
             layers = layers.sets([format!("method={name}")]);
         }
@@ -72,7 +80,7 @@ impl ConfigSource {
             )));
         }
         let config = run_config.to_string_lossy().into_owned();
-        Layers::new(PRESETS).source(&config).resolve::<Config>()?.complete(run_config, SEGMENT)?;
+        method::layers().source(&config).resolve::<Config>()?.complete(run_config, SEGMENT)?;
         Self { config: Some(config), ..self.clone() }.resolve()
     }
 }
@@ -111,8 +119,11 @@ impl ConfigArgs {
                 method::check(&resolved.value)?;
                 if json { super::print_json(&resolved.value)? } else { out!("{}", resolved.show()) }
             }
-            Action::Schema => super::print_json(&file_schema(&Config::default()))?,
-            Action::Presets => PRESETS.iter().for_each(|(name, text)| {
+            Action::Schema => {
+                method::add_sections();
+                super::print_json(&file_schema(&Config::default()))?;
+            }
+            Action::Presets => method::presets().into_iter().for_each(|(name, text)| {
                 let comment: Vec<&str> = text.lines().map_while(|l| l.strip_prefix("# ")).collect();
                 outln!("{name}: {}", comment.join(" "));
             }),

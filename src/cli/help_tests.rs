@@ -1,9 +1,9 @@
 //! Checks that examples in help texts and documentation use existing keys.
 
 use super::Cli;
+use crate::config::RESERVED_VARIABLES;
 use crate::config::layers::{ConfigError, Layers};
 use crate::config::types::Config;
-use crate::config::{PRESETS, RESERVED_VARIABLES};
 use clap::{Command, CommandFactory};
 use std::path::Path;
 
@@ -53,7 +53,7 @@ fn every_key_in_an_example_is_a_key() {
             keys += 1;
             // sweep keys that set how segments are evaluated
             if !example.starts_with("segments.") {
-                assert_eq!(unknown(Ok(Layers::new(PRESETS).sets([example]))), None, "{name}: --set {example}");
+                assert_eq!(unknown(Ok(crate::method::layers().sets([example]))), None, "{name}: --set {example}");
             }
         }
         for example in after(&text, "VOLSEGGS_") {
@@ -62,7 +62,7 @@ fn every_key_in_an_example_is_a_key() {
             let known = |r: &&str| r.trim_end_matches('*') == variable || variable.starts_with(r.trim_end_matches('*'));
             if !key.is_empty() && !RESERVED_VARIABLES.iter().any(known) {
                 variables += 1;
-                let layers = Layers::new(PRESETS).env([(variable.clone().into(), "1".into())], RESERVED_VARIABLES);
+                let layers = crate::method::layers().env([(variable.clone().into(), "1".into())], RESERVED_VARIABLES);
                 assert_eq!(unknown(layers), None, "{name}: {variable}");
             }
         }

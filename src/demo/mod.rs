@@ -4,9 +4,8 @@
 mod segments;
 mod story;
 
-use crate::config::layers::Layers;
+use crate::config::RESERVED_VARIABLES;
 use crate::config::types::Config;
-use crate::config::{PRESETS, RESERVED_VARIABLES};
 use crate::data::{Split, SplitName};
 use crate::eval::run::Evaluation;
 use crate::files::{LockError, RunLock, Work, check_file};
@@ -105,7 +104,7 @@ const COMMAND: &str = "volseggs demo";
 /// # Errors
 /// The stage that failed, or that it was interrupted by `stop`.
 pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, DemoError> {
-    let resolved = Layers::new(PRESETS)
+    let resolved = method::layers()
         .source("demo")
         .env(std::env::vars_os(), RESERVED_VARIABLES)
         .and_then(|layers| layers.sets(options.set.iter().cloned()).resolve::<Config>())

@@ -2,9 +2,8 @@
 
 use crate::registry::Registry;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
-pub(crate) static METRICS: Registry<dyn Metric> = Registry::new("metric");
+pub(crate) static METRICS: Registry<dyn Metric> = Registry::new("metric", &[]);
 
 /// One view of an evaluation, on the host.
 #[derive(Clone, Copy, Debug)]
@@ -33,12 +32,12 @@ pub trait Metric: Send + Sync {
 
 /// Returns all registered metrics by name, sorted by name.
 #[must_use]
-pub fn registered() -> Vec<(String, Arc<dyn Metric>)> {
+pub fn registered() -> Vec<(String, &'static dyn Metric)> {
     METRICS.all()
 }
 
 /// Returns the values of one view by name, without non-finite ones.
-pub(crate) fn measure(metrics: &[(String, Arc<dyn Metric>)], view: &MetricInput<'_>) -> BTreeMap<String, f64> {
+pub(crate) fn measure(metrics: &[(String, &'static dyn Metric)], view: &MetricInput<'_>) -> BTreeMap<String, f64> {
     let values = metrics.iter().map(|(name, metric)| (name.clone(), metric.value(view)));
     values.filter(|(_, value)| value.is_finite()).collect()
 }
@@ -69,7 +68,7 @@ mod tests {
 
     #[test]
     fn non_finite_values_are_skipped() {
-        let metrics: Vec<(String, Arc<dyn Metric>)> = vec![("tenth".into(), Arc::new(Tenth))];
+        let metrics: Vec<(String, &'static dyn Metric)> = vec![("tenth".into(), &Tenth)];
         let view = |alpha: &[f32], time: f64| {
             let (width, height, background) = (1, alpha.len(), [1.0; 3]);
             measure(&metrics, &MetricInput { render: &[], truth: &[], alpha, width, height, background, time })

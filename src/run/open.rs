@@ -1,8 +1,6 @@
 //! A run folder, as used by everything that follows training.
 
 use super::RunError;
-use crate::config::PRESETS;
-use crate::config::layers::Layers;
 use crate::config::types::{Config, segment::SECTION as SEGMENT};
 use crate::edit::EditStack;
 use crate::files::{RunLock, RunPaths, Work};
@@ -286,7 +284,7 @@ fn read(file: &Path) -> Result<String, RunError> {
 /// Reads the configuration of a run from its file.
 pub(super) fn config_in(file: &Path) -> Result<Config, RunError> {
     let source = file.to_string_lossy().into_owned();
-    let resolved = Layers::new(PRESETS).source(source).resolve::<Config>().map_err(RunError::input)?;
+    let resolved = method::layers().source(source).resolve::<Config>().map_err(RunError::input)?;
     let config = resolved.complete(file, SEGMENT).map_err(RunError::input)?;
     config.segment.check().map_err(|e| RunError::input(format!("{}: {e}", file.display())))?;
     Ok(config)

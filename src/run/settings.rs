@@ -1,9 +1,9 @@
 //! Options of segmentation for one command, instead of those that a run was trained with.
 
 use super::{OpenRun, RunError};
+use crate::config::RESERVED_VARIABLES;
 use crate::config::layers::Layers;
 use crate::config::types::Config;
-use crate::config::{PRESETS, RESERVED_VARIABLES};
 
 /// The section whose keys change no step of training.
 const SEGMENT: &str = "segment.";
@@ -20,7 +20,7 @@ impl OpenRun {
                 "--set {other}: only keys that begin with `{SEGMENT}` can be set here; others shaped the training"
             )));
         }
-        let layers = Layers::new(PRESETS).source(self.paths().config().to_string_lossy());
+        let layers = crate::method::layers().source(self.paths().config().to_string_lossy());
         let layers = source.into_iter().fold(layers, Layers::source);
         let layers = layers.env(std::env::vars_os(), RESERVED_VARIABLES).map_err(RunError::input)?;
         let found = layers.sets(sets).resolve::<Config>().map_err(RunError::input)?.value.segment;

@@ -8,11 +8,11 @@ use super::file::EvalSpec;
 use super::plan::{Plan, Run};
 use super::result::{Progress, progress, read, read_segments, segments_path};
 use super::spec::SegmentSpec;
-use crate::config::types::{Config, EncoderKind};
+use crate::config::types::Config;
 use crate::files::RunPaths;
-use crate::method::{self, Work};
-use crate::model::{d3dgs, size};
+use crate::method::{self, GaussianWork, Work};
 use crate::train::budget::max_gaussians;
+use crate::train::losses;
 use crate::train::run::RunRecord;
 use std::path::Path;
 
@@ -20,17 +20,12 @@ use std::path::Path;
 const PER_STEP: f64 = 0.02;
 /// Additional seconds for each Gaussian of a joint step: field, decoder, their gradients, Adam.
 const PER_GAUSSIAN: f64 = 2.5e-6;
-/// The same in warm-up, where there is no field. Gaussians of 4DGS, which has no other stage, cost as much as those
-/// with a field.
+/// The same in warm-up, where there is no field.
 const PER_GAUSSIAN_WARMUP: f64 = 0.9e-6;
-/// Additional seconds for each pixel: splatting and losses.
+/// Additional seconds for each pixel: splatting and the distance of the images. Terms of the loss state theirs.
 const PER_PIXEL: f64 = 1.5e-7;
-/// Additional seconds for each pixel while DSSIM is part of the loss.
-const PER_PIXEL_DSSIM: f64 = 2.0e-7;
-/// Additional seconds for each Gaussian of a joint step and each weight of the implicit encoder: three matrix products.
+/// Additional seconds for each Gaussian of a joint step and each weight of a network: three matrix products.
 const PER_WEIGHT: f64 = 1.5e-10;
-/// Cost of a registered encoder for each Gaussian, relative to the factorised one: a guess.
-const REGISTERED: f64 = 1.6;
 /// Fraction of the cores that a run keeps busy.
 const BUSY: f64 = 0.8;
 /// Seconds of CPU time until a run's first step, apart from its images: the process, the plan, the visual hull.
@@ -96,8 +91,11 @@ pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
     let factor = f64::from(config.data.downscale.max(1));
     let pixels = f64::from(data.size[0]) * f64::from(data.size[1]) / (factor * factor);
     let method = method::find(&config.method).ok();
-    let work = method.as_ref().and_then(|method| Some((method.steps(config) as f64, method.work(config)?)));
-    let of = work.map_or_else(|| of_gaussians(config, pixels), |(steps, work)| of_network(steps, work, pixels));
+    let of = match method.and_then(|method| Some((method.steps(config) as f64, method.work(config)?))) {
+        Some((steps, Work::Network { step, pixel, bytes })) => of_network(steps, [step, pixel], bytes, pixels),
+        Some((_, Work::Gaussians(work))) => of_gaussians(config, work, pixels),
+        None => of_gaussians(config, GaussianWork::of_the_field(&config.model), pixels),
+    };
     let views = data.views as f64 + if config.output.eval_every > 0 { data.test_views as f64 } else { 0.0 };
     let measured = eval.views.unwrap_or(data.test_views).min(data.test_views) as f64;
     let live = match config.output.eval_every {
@@ -127,42 +125,30 @@ struct Share {
     memory: f64,
 }
 
-fn of_network(steps: f64, work: Work, pixels: f64) -> Share {
+fn of_network(steps: f64, [per_step, per_pixel]: [f64; 2], bytes: f64, pixels: f64) -> Share {
     Share {
         steps,
         // the backward pass takes twice as long as the forward pass
-        cpu_seconds: steps * (PER_STEP + 3.0 * work.step * PER_PRODUCT),
-        view: pixels * work.pixel * PER_PRODUCT,
-        memory: work.bytes,
+        cpu_seconds: steps * (PER_STEP + 3.0 * per_step * PER_PRODUCT),
+        view: pixels * per_pixel * PER_PRODUCT,
+        memory: bytes,
     }
 }
 
-fn of_gaussians(config: &Config, pixels: f64) -> Share {
+fn of_gaussians(config: &Config, work: GaussianWork, pixels: f64) -> Share {
     let (start, end) = (config.init.points as f64, max_gaussians(config) as f64);
     let n = if end > start { 0.5 * (start + end) + 0.2 * end } else { end }.min(end);
     let (warm, joint) = (config.stages.warmup_steps as f64, config.stages.joint_steps as f64);
-    let registered = if config.model.encoder == EncoderKind::Extra { REGISTERED } else { 1.0 };
-    let weights = match (&config.d3dgs, config.model.encoder) {
-        (Some(network), _) => d3dgs::parameters(network) as f64,
-        (None, EncoderKind::Implicit) => size::encoder_parameters(&config.model) as f64,
-        (None, EncoderKind::Factorised | EncoderKind::HexPlane | EncoderKind::Extra) => 0.0,
-    };
-    let products = weights * PER_WEIGHT;
-    let per_warmup = if config.fourdgs.is_some() { PER_GAUSSIAN } else { PER_GAUSSIAN_WARMUP };
-    // without a joint stage, DSSIM is used and Gaussians grow in warm-up
-    let (last, warm_n) = if joint > 0.0 { (joint, start) } else { (warm, n) };
-    let dssim = if config.loss.dssim > 0.0 { (config.loss.dssim_last as f64).min(last) } else { 0.0 };
+    let products = work.products * PER_WEIGHT;
+    let per_warmup = if work.in_warmup { PER_GAUSSIAN } else { PER_GAUSSIAN_WARMUP };
+    // without a joint stage, Gaussians grow in warm-up
+    let warm_n = if joint > 0.0 { start } else { n };
     let cpu_seconds = (joint + warm) * PER_STEP
-        + joint * (n * (PER_GAUSSIAN * registered + products) + pixels * PER_PIXEL)
+        + joint * (n * (PER_GAUSSIAN * work.field + products) + pixels * PER_PIXEL)
         + warm * (warm_n * per_warmup + pixels * PER_PIXEL)
-        + dssim * pixels * PER_PIXEL_DSSIM;
+        + pixels * losses::seconds_per_pixel(config);
     // parameters, gradients, two moments and the tape's copies of each Gaussian
-    let kept = match (&config.fourdgs, &config.d3dgs) {
-        (Some(in_time), _) => in_time.kept_values(config.model.sh_degree),
-        (None, Some(network)) => d3dgs::kept_values(network),
-        (None, None) => size::encoder_values(&config.model),
-    };
-    let memory = end * (4.0e3 + kept as f64 * 4.0);
+    let memory = end * (4.0e3 + work.kept * 4.0);
     Share { steps: warm + joint, cpu_seconds, view: end * (PER_GAUSSIAN_VIEW + products / 3.0), memory }
 }
 
@@ -244,7 +230,7 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize, retry: bool) -> Estima
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::preset;
+    use crate::method::preset;
     use crate::sweep::PlanOptions;
     use crate::sweep::key::{key, parts};
     use crate::sweep::result::{write, write_measured};
@@ -339,7 +325,7 @@ mod tests {
         let data = plan.datasets.values().next().unwrap();
         let mut config = preset("best").unwrap();
         let hybrid = cost(&config, data, &plan.eval);
-        config.model.encoder = EncoderKind::Implicit;
+        config.model.encoder = "implicit".into();
         let implicit = cost(&config, data, &plan.eval);
         config.model.implicit_width /= 2;
         let half = cost(&config, data, &plan.eval);
@@ -352,12 +338,12 @@ mod tests {
     fn fourdgs_costs_more_than_static_gaussians_and_has_no_encoder() {
         let plan = plan("[0]", 5);
         let data = plan.datasets.values().next().unwrap();
-        let preset = crate::config::layers::Layers::new(crate::config::PRESETS).source("4dgs-small");
+        let preset = method::layers().source("4dgs-small");
         let mut config = preset.resolve::<Config>().unwrap().value;
         let in_time = cost(&config, data, &plan.eval);
         config.model.levels *= 2;
         assert_eq!(cost(&config, data, &plan.eval), in_time, "it has no encoder");
-        config.fourdgs = None;
+        (config.method, config.sections) = (Config::default().method, Config::default().sections);
         assert!(in_time.cpu_seconds > 1.2 * cost(&config, data, &plan.eval).cpu_seconds, "{in_time:?}");
     }
 
@@ -366,11 +352,7 @@ mod tests {
         let plan = plan("[0]", 5);
         let data = plan.datasets.values().next().unwrap();
         let of = |name: &str, edit: fn(&mut Config)| {
-            let mut config = crate::config::layers::Layers::new(crate::config::PRESETS)
-                .source(name)
-                .resolve::<Config>()
-                .unwrap()
-                .value;
+            let mut config = method::layers().source(name).resolve::<Config>().unwrap().value;
             edit(&mut config);
             cost(&config, data, &plan.eval)
         };

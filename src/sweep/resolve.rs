@@ -8,9 +8,8 @@ use super::axes::{Settings, Variant, flatten};
 use super::file::SweepFile;
 use super::plan::PlanOptions;
 use super::spec::SegmentSpec;
-use crate::config::layers::Layers;
 use crate::config::types::{Config, SegmentConfig, segment::SECTION as SEGMENT};
-use crate::config::{PRESET_IF_NONE_GIVEN, PRESETS, RESERVED_VARIABLES};
+use crate::config::{PRESET_IF_NONE_GIVEN, RESERVED_VARIABLES};
 use crate::method;
 use crate::words::plain;
 use std::path::Path;
@@ -40,7 +39,7 @@ impl Base<'_> {
         let place = format!("variant \"{}\"", variant.name);
         let bad = |problem: String| SweepError::Key { path: self.path.to_owned(), key: place.clone(), problem };
         let config = variant.config.as_deref().or(self.file.config.as_deref()).unwrap_or(PRESET_IF_NONE_GIVEN);
-        let layers = Layers::new(PRESETS).source(config);
+        let layers = method::layers().source(config);
         let layers = layers.env(std::env::vars_os(), RESERVED_VARIABLES).map_err(|e| bad(e.to_string()))?;
         let set = flatten(&self.file.set);
         let layers = layers

@@ -2,7 +2,6 @@
 
 use crate::driver::{Target, accepted, fuzz};
 use std::path::Path;
-use volseggs::config::PRESETS;
 use volseggs::config::layers::Layers;
 use volseggs::config::types::Config;
 use volseggs::sweep::slurm::Profile;
@@ -46,9 +45,10 @@ fn file() {
         let (path, scratch) = (scratch.path("a.toml"), scratch.clone());
         let read = move |bytes: &[u8]| {
             scratch.overwrite(&path, bytes);
-            resolve(&Layers::new(PRESETS).source(path.to_string_lossy()))
+            resolve(&volseggs::method::layers().source(path.to_string_lossy()))
         };
-        let mut seeds: Vec<Vec<u8>> = PRESETS.iter().map(|(_, text)| text.as_bytes().to_vec()).collect();
+        let mut seeds: Vec<Vec<u8>> =
+            volseggs::method::presets().iter().map(|(_, text)| text.as_bytes().to_vec()).collect();
         seeds.push(toml::to_string(&Config::default()).unwrap().into_bytes());
         seeds.push(b"extends = \"quick\"\nseed = 3\nmodel.width = 16\n[loss.extra]\nmine = 0.5\n".to_vec());
         Target::new(seeds, read).tokens(KEYS)
@@ -63,7 +63,7 @@ fn sets() {
             let variables = text.lines().filter_map(|l| l.strip_prefix("env ")?.split_once('='));
             let variables = variables.map(|(k, v)| (format!("VOLSEGGS_{k}").into(), v.into()));
             let sets = text.lines().filter(|l| !l.starts_with("env "));
-            let layers = Layers::new(PRESETS).source("quick").sets(sets);
+            let layers = volseggs::method::layers().source("quick").sets(sets);
             accepted(layers.env(variables, &[])).is_some_and(|layers| resolve(&layers))
         };
         let seeds: [&[u8]; 3] = [
@@ -80,8 +80,7 @@ fn sets() {
             "}",
             "loss.extra.",
             "seed=",
-            "model.encoder=extra",
-            "model.extra_encoder=x",
+            "model.encoder=x",
             "optim.schedule=cosine",
             "\"",
             "\n",

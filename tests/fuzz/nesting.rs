@@ -4,8 +4,6 @@
 use crate::driver::chosen;
 use std::path::Path;
 use std::process::Command;
-use volseggs::config::PRESETS;
-use volseggs::config::layers::Layers;
 use volseggs::config::types::Config;
 use volseggs::data::Transforms;
 use volseggs::edit::EditStack;
@@ -23,10 +21,10 @@ const STACK: usize = 8 << 20;
 fn read(kind: &str, path: &Path) {
     let text = path.to_string_lossy().into_owned();
     match kind {
-        "config" => drop(Layers::new(PRESETS).source(text).resolve::<Config>().map_err(|e| e.to_string())),
+        "config" => drop(volseggs::method::layers().source(text).resolve::<Config>().map_err(|e| e.to_string())),
         "set" => {
             let line = std::fs::read_to_string(path).unwrap();
-            drop(Layers::new(PRESETS).sets([line]).resolve::<Config>().map_err(|e| e.to_string()));
+            drop(volseggs::method::layers().sets([line]).resolve::<Config>().map_err(|e| e.to_string()));
         }
         "sweep" => drop(SweepFile::read(path).map_err(|e| e.to_string())),
         "transfer" => drop(TransferFunction::load(&text).map_err(|e| e.to_string())),

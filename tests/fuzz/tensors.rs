@@ -5,15 +5,17 @@ use safetensors::tensor::{Dtype, TensorView};
 use std::collections::BTreeMap;
 use std::path::Path;
 use volseggs::burn::tensor::Device;
-use volseggs::config::types::methods::{CoordNetConfig, InSituNetConfig, VisNerfConfig};
-use volseggs::config::types::{Config, EncoderKind, ModelConfig, ShBands};
+use volseggs::config::types::{Config, ModelConfig, ShBands};
 use volseggs::data::paths::{Lens, training_cameras};
 use volseggs::device::DeviceName;
 use volseggs::method::Model;
+use volseggs::method::coordnet::CoordNetConfig;
 use volseggs::method::coordnet::CoordNetSpec;
 use volseggs::method::coordnet::network::SineNetwork;
+use volseggs::method::insitunet::InSituNetConfig;
 use volseggs::method::insitunet::{InSituNet, InSituNetSpec};
 use volseggs::method::sphere::ViewSphere;
+use volseggs::method::visnerf::VisNerfConfig;
 use volseggs::method::visnerf::{VisNerf, VisNerfSpec};
 use volseggs::metrics::lpips::Lpips;
 use volseggs::model::HostGaussians;
@@ -139,7 +141,7 @@ fn contradictions() -> impl Iterator<Item = (BTreeMap<String, HostTensor>, Scene
         ModelConfig { sh_degree: 1 << 15, ..small() },
         ModelConfig { levels: 0, ..small() },
         ModelConfig { embedding: 1 << 40, ..small() },
-        ModelConfig { encoder: EncoderKind::HexPlane, time_knots: 1 << 40, ..small() },
+        ModelConfig { encoder: "hexplane".into(), time_knots: 1 << 40, ..small() },
         ModelConfig { channels: 0, time_knots: 0, ..small() },
     ];
     let specs = models.map(spec).into_iter().chain([
@@ -159,12 +161,12 @@ fn saved(scratch: &Scratch, save: impl FnOnce(&Path)) -> Vec<u8> {
 #[test]
 fn scene_file() {
     fuzz("scene", |scratch| {
-        let implicit = EncoderKind::Implicit;
+        let implicit = "implicit".into();
         let shape = ModelConfig { implicit_octaves: 1, implicit_time_octaves: 1, implicit_width: 4, ..small() };
         let mut seeds = [small(), ModelConfig { encoder: implicit, implicit_depth: 3, implicit_skip: 1, ..shape }]
             .map(|model| saved(scratch, |path| scene(model).save(path).unwrap()))
             .to_vec();
-        let grid = ModelConfig { encoder: EncoderKind::HexPlane, embedding: 2, ..small() };
+        let grid = ModelConfig { encoder: "hexplane".into(), embedding: 2, ..small() };
         seeds.push(saved(scratch, |path| scene(grid).save(path).unwrap()));
         seeds.push(saved(scratch, |path| scene(small()).save_packed(path).unwrap()));
         seeds.extend(contradictions().map(|(tensors, spec)| {

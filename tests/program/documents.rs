@@ -6,7 +6,6 @@ use clap::{ArgMatches, CommandFactory};
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
 use volseggs::cli::Cli;
-use volseggs::config::PRESETS;
 use volseggs::config::layers::Layers;
 use volseggs::config::types::Config;
 use volseggs::sweep::slurm::Profile;
@@ -141,7 +140,7 @@ fn open_files(matches: &ArgMatches, out: &Path) -> Result<(), String> {
     let is_of_training = |s: &&String| !s.starts_with("segments.") && !s.contains("KEY=VALUE");
     if names != ["sweep"] && !set.iter().any(|s| s.contains("extra") || s.starts_with("method")) {
         let configs = values(inner, "config");
-        let layers = configs.iter().filter(|c| !is_placeholder(c)).fold(Layers::new(PRESETS), Layers::source);
+        let layers = configs.iter().filter(|c| !is_placeholder(c)).fold(volseggs::method::layers(), Layers::source);
         layers.sets(set.iter().filter(is_of_training)).resolve::<Config>().map_err(|e| e.to_string())?;
     }
     for name in values(inner, "transfer_function").iter().filter(|name| !is_placeholder(name)) {

@@ -6,8 +6,6 @@ use assert_cmd::Command;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use volseggs::config::PRESETS;
-use volseggs::config::layers::Layers;
 use volseggs::config::types::Config;
 use volseggs::sweep::file::{SweepFile, name_of};
 
@@ -49,7 +47,7 @@ fn sweeps() -> Vec<PathBuf> {
             match SweepFile::read(&path) {
                 Ok(_) => found.push(path),
                 Err(e) => {
-                    let layers = Layers::new(PRESETS).source(path.to_string_lossy());
+                    let layers = volseggs::method::layers().source(path.to_string_lossy());
                     let as_config = layers.resolve::<Config>().err();
                     assert!(as_config.is_none(), "neither a sweep ({e}) nor a configuration ({as_config:?})");
                 }

@@ -10,6 +10,7 @@ mod sources;
 mod tests;
 mod text;
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::fmt;
@@ -76,7 +77,7 @@ impl fmt::Display for Origin {
 /// environment, `--set` in the order given.
 #[derive(Debug, Clone, Default)]
 pub struct Layers<'a> {
-    presets: &'a [(&'a str, &'a str)],
+    presets: Cow<'a, [(&'a str, &'a str)]>,
     sources: Vec<String>,
     env: Vec<(String, String)>,
     sets: Vec<String>,
@@ -97,7 +98,13 @@ impl<'a> Layers<'a> {
     /// Starts from the defaults alone; `presets` are the built-in files as (name, TOML text).
     #[must_use]
     pub fn new(presets: &'a [(&'a str, &'a str)]) -> Self {
-        Self { presets, ..Self::default() }
+        Self { presets: Cow::Borrowed(presets), ..Self::default() }
+    }
+
+    /// As [`Layers::new`], with presets that were put together for it.
+    #[must_use]
+    pub fn with_presets(presets: Vec<(&'a str, &'a str)>) -> Self {
+        Self { presets: Cow::Owned(presets), ..Self::default() }
     }
 
     /// Adds a file, or a preset if no file `name` (or `name.toml`) exists.
@@ -184,7 +191,7 @@ impl<'a> Layers<'a> {
         let mut leaves = Vec::new();
         for name in &self.sources {
             let here = Some(Path::new(""));
-            Reader::new(self.presets).read(name, here, "configuration", &mut leaves)?;
+            Reader::new(&self.presets).read(name, here, "configuration", &mut leaves)?;
         }
         for (name, value) in &self.env {
             let key = &name[ENV_PREFIX.len()..];

@@ -1,12 +1,13 @@
 //! Configuration of a run: types, layers, built-in presets.
 
 pub mod layers;
+pub mod sections;
 pub mod types;
 
 use layers::{ConfigError, Layers};
 use types::Config;
 
-/// The compiled-in presets, by name.
+/// The compiled-in presets of this project's own method, by name; those of other methods come with them.
 pub const PRESETS: &[(&str, &str)] = &[
     ("best", include_str!("../../../../configs/best.toml")),
     ("quick", include_str!("../../../../configs/quick.toml")),
@@ -14,22 +15,12 @@ pub const PRESETS: &[(&str, &str)] = &[
     ("paper", include_str!("../../../../configs/paper.toml")),
     ("official", include_str!("../../../../configs/official.toml")),
     ("static", include_str!("../../../../configs/static.toml")),
-    ("d3dgs", include_str!("../../../../configs/methods/d3dgs.toml")),
-    ("d3dgs-small", include_str!("../../../../configs/methods/d3dgs-small.toml")),
-    ("coordnet", include_str!("../../../../configs/methods/coordnet.toml")),
-    ("coordnet-small", include_str!("../../../../configs/methods/coordnet-small.toml")),
-    ("insitunet", include_str!("../../../../configs/methods/insitunet.toml")),
-    ("insitunet-small", include_str!("../../../../configs/methods/insitunet-small.toml")),
-    ("visnerf", include_str!("../../../../configs/methods/visnerf.toml")),
-    ("visnerf-small", include_str!("../../../../configs/methods/visnerf-small.toml")),
-    ("4dgs", include_str!("../../../../configs/methods/4dgs.toml")),
-    ("4dgs-small", include_str!("../../../../configs/methods/4dgs-small.toml")),
 ];
 
 /// The preset that is used where no configuration is given.
 pub const PRESET_IF_NONE_GIVEN: &str = "best";
 
-/// Returns the configuration of a built-in preset.
+/// Returns the configuration of a built-in preset of this project's own method.
 ///
 /// # Errors
 /// [`ConfigError::NotFound`] if there is no such preset.
@@ -63,9 +54,6 @@ pub const RESERVED_VARIABLES: &[&str] = &[
 #[cfg(test)]
 mod tests {
     use super::*;
-    use toml::{Table, Value};
-    use types::LossKind;
-    use types::methods::{D3dgsConfig, FourDgsConfig};
 
     fn with_variable(name: &str) -> Result<Config, ConfigError> {
         let layers = Layers::new(PRESETS).env([(name.into(), "1".into())], RESERVED_VARIABLES)?;
@@ -93,43 +81,6 @@ mod tests {
     #[test]
     fn the_defaults_are_the_method_of_the_paper() {
         assert_eq!(preset("paper").unwrap(), Config::default());
-        let published = [
-            preset("d3dgs").unwrap().d3dgs == Some(D3dgsConfig::default()),
-            preset("4dgs").unwrap().fourdgs == Some(FourDgsConfig::default()),
-        ];
-        assert_eq!(published, [true; 2], "the defaults of other methods are their published settings");
-    }
-
-    #[test]
-    fn presets_state_only_what_they_change() {
-        fn walk(place: &str, stated: &Table, base: Option<&Table>, same: &mut Vec<String>) {
-            for (key, value) in stated {
-                let (place, before) = (format!("{place}.{key}"), base.and_then(|base| base.get(key)));
-                match value {
-                    Value::Table(inner) => walk(&place, inner, before.and_then(Value::as_table), same),
-                    value if before == Some(value) => same.push(place),
-                    _ => {}
-                }
-            }
-        }
-        for (name, text) in PRESETS.iter().filter(|(name, _)| *name != "paper") {
-            let mut stated: Table = text.parse().unwrap();
-            let layers = match stated.remove("extends") {
-                Some(base) => Layers::new(PRESETS).source(base.as_str().unwrap()),
-                None => Layers::new(PRESETS),
-            };
-            let mut same = Vec::new();
-            walk(name, &stated, Some(&layers.resolve::<Config>().unwrap().table), &mut same);
-            assert!(same.is_empty(), "what they start from has these values already: {same:?}");
-        }
-    }
-
-    #[test]
-    fn small_presets_are_of_their_method() {
-        for name in ["d3dgs", "4dgs"] {
-            let small = preset(&format!("{name}-small")).unwrap();
-            assert_eq!((small.method.as_str(), small.loss.kind), (name, LossKind::L1));
-        }
     }
 
     #[test]

@@ -3,24 +3,23 @@
 //! Each section has its defaults beside it. Together they are the method of the paper, as `configs/paper.toml` explains;
 //! what this project adds is off. Every setting that the paper ablates has a key here.
 
+mod d3dgs;
 mod densify;
 mod loss;
-pub mod methods;
 mod model;
 mod optim;
 mod output;
 pub mod segment;
 
-pub use densify::{DensifyConfig, DensifyMode, PruneBy};
+pub use d3dgs::D3dgsConfig;
+pub use densify::{DensifyConfig, PruneBy};
 pub use loss::{LossConfig, LossKind, TvOrder, TvReduction};
-use methods::{CoordNetConfig, D3dgsConfig, FourDgsConfig, InSituNetConfig, VisNerfConfig};
-pub use model::{
-    Appearance, BiasInit, Bounds, DecoderKind, EncoderKind, GridInit, ModelConfig, ShBands, TimeCurve, TimeRange,
-};
+pub use model::{Appearance, BiasInit, Bounds, DecoderKind, GridInit, ModelConfig, ShBands, TimeCurve, TimeRange};
 pub use optim::{DecayOver, OptimConfig};
 pub use output::OutputConfig;
 pub use segment::SegmentConfig;
 
+use super::sections::{Sections, Settings};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -30,12 +29,12 @@ pub const VOLSEGGS: &str = "volseggs";
 
 /// Configuration of a training run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+#[schemars(deny_unknown_fields)] // serde leaves them to `Sections`
 pub struct Config {
     /// Seed of every random choice.
     pub seed: u64,
-    /// The method: `volseggs` (that of the paper and of this project), `d3dgs`, `4dgs`, `coordnet`, `insitunet`,
-    /// `visnerf` or a registered one, see `docs/reference.md`.
+    /// The method: `volseggs` (that of the paper and of this project), another built-in one or a registered one, see
+    /// `docs/reference.md`.
     pub method: String,
     /// Settings of a registered method, by name; see `docs/research.md`.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -61,21 +60,21 @@ pub struct Config {
     /// How a scene becomes segments; no step of training reads it.
     #[serde(default)] // sweeps train without it
     pub segment: SegmentConfig,
-    /// Settings of the method `coordnet`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub coordnet: Option<CoordNetConfig>,
-    /// Settings of the method `insitunet`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub insitunet: Option<InSituNetConfig>,
-    /// Settings of the method `visnerf`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub visnerf: Option<VisNerfConfig>,
-    /// Settings of the method `d3dgs`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub d3dgs: Option<D3dgsConfig>,
-    /// Settings of the method `4dgs`.
-    #[serde(default, rename = "4dgs", skip_serializing_if = "Option::is_none")]
-    pub fourdgs: Option<FourDgsConfig>,
+    /// Sections of single methods, by name.
+    #[serde(flatten)]
+    pub sections: Sections,
+}
+
+impl Config {
+    /// Returns the settings of the method that has a section of its own.
+    ///
+    /// # Errors
+    /// If the section is not given, or a value of it is of the wrong type.
+    pub fn section<S: Settings>(&self) -> Result<S, String> {
+        let name = S::SECTION;
+        let none = || format!("method = \"{name}\" needs the section [{name}]: start with --method {name}");
+        self.sections.get::<S>()?.ok_or_else(none)
+    }
 }
 
 impl Default for Config {
@@ -94,11 +93,7 @@ impl Default for Config {
             speed: SpeedConfig::default(),
             output: OutputConfig::default(),
             segment: SegmentConfig::default(),
-            coordnet: None,
-            insitunet: None,
-            visnerf: None,
-            d3dgs: None,
-            fourdgs: None,
+            sections: Sections::default(),
         }
     }
 }

@@ -7,7 +7,7 @@ use super::appearance::Headlight;
 use super::decoder::linear;
 use super::implicit::{Layer, encode_points, encode_time};
 use super::size::{MAX_DEPTH, MAX_OCTAVES, layer};
-use crate::config::types::methods::D3dgsConfig;
+use crate::config::types::D3dgsConfig;
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
 use burn::tensor::activation::relu;

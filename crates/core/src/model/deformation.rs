@@ -4,12 +4,9 @@ use super::Gaussians;
 use super::appearance::Headlight;
 use super::d3dgs::DeformationNetwork;
 use super::decoder::Decoder;
-use super::encoder::{Encoder, FactorisedEncoder};
-use super::extra_encoder::ExtraEncoder;
-use super::hexplane::HexPlaneEncoder;
-use super::implicit::ImplicitEncoder;
-use crate::config::types::methods::D3dgsConfig;
-use crate::config::types::{EncoderKind, ModelConfig, TimeRange};
+use super::encoder::{Encoder, find_encoder};
+use crate::config::types::D3dgsConfig;
+use crate::config::types::{ModelConfig, TimeRange};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use volseggs_kernels::changes::split_changes;
@@ -42,21 +39,10 @@ impl DeformationField {
     /// A new field over the box `centre +- half_size`.
     ///
     /// # Panics
-    /// If the configuration names a registered encoder that [`ExtraEncoder::check`] rejects.
+    /// If [`super::size::check_model`] rejects the configuration.
     pub fn new(config: &ModelConfig, centre: [f32; 3], half_size: [f32; 3], seed: u64, device: &Device) -> Self {
-        let encoder = match config.encoder {
-            EncoderKind::Factorised => Encoder::Factorised(FactorisedEncoder::new(config, seed, device)),
-            EncoderKind::HexPlane => Encoder::HexPlane(HexPlaneEncoder::new(config, seed, device)),
-            EncoderKind::Implicit => Encoder::Implicit(ImplicitEncoder::new(config, seed, device)),
-            EncoderKind::Extra => match ExtraEncoder::new(config, seed, device) {
-                Ok(encoder) => Encoder::Extra(encoder),
-                Err(error) => panic!("{error}"),
-            },
-        };
-        let features = match &encoder {
-            Encoder::Extra(e) => e.features(),
-            _ => config.levels * config.channels,
-        };
+        let factory = find_encoder(&config.encoder).unwrap_or_else(|error| panic!("model.encoder: {error}"));
+        let (encoder, features) = (factory.create(config, seed, device), factory.features(config) as usize);
         let decoder = Decoder::new(config, features + config.embedding, seed, device);
         let placing =
             Placing { centre, half_size, time_range: config.time_range, deform_opacity: config.deform_opacity };
@@ -137,13 +123,7 @@ impl DeformationField {
             TimeRange::Full => time,
             TimeRange::Half => 0.5 + 0.5 * time,
         };
-        let features = match &self.encoder {
-            Encoder::Factorised(e) => e.forward(points, u),
-            Encoder::HexPlane(e) => e.forward(points, u),
-            Encoder::Implicit(e) => e.forward(points, u),
-            Encoder::Extra(e) => e.forward(points, u),
-            Encoder::D3dgs(_) => return None,
-        };
+        let features = self.encoder.forward(points, u)?;
         Some(part(decoder, features, gaussians.embedding.as_ref().map(|embedding| embedding.val())))
     }
 }

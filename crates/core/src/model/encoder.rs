@@ -1,99 +1,75 @@
-//! Space-time encoders: a point and a time in, features out. Registered ones are in [`super::extra_encoder`].
+//! Space-time encoders: a point and a time in, features out. To add a built-in one, write its file, a line in [`ENCODERS`]
+//! and, if it is a burn module of its own, a variant of [`Encoder`].
 
 use super::d3dgs::DeformationNetwork;
-use super::extra_encoder::ExtraEncoder;
-use super::hexplane::HexPlaneEncoder;
-use super::implicit::ImplicitEncoder;
-use super::time_curve;
-use crate::config::types::{GridInit, ModelConfig, TimeCurve};
-use crate::rng::{Purpose, Rng};
-use burn::module::{Module, Param};
-use burn::tensor::{Device, Tensor, TensorData};
-use volseggs_kernels::field::{FieldShape, LevelShape, field};
+use super::defined_encoder::DefinedEncoder;
+use super::factorised::{Factorised, FactorisedEncoder};
+use super::hexplane::{HexPlane, HexPlaneEncoder};
+use super::implicit::{Implicit, ImplicitEncoder};
+use crate::config::types::ModelConfig;
+use crate::memory::product;
+use crate::registry::{NotRegistered, Registry};
+use burn::module::Module;
+use burn::tensor::{Device, Tensor};
 
-/// The paper's explicit encoder: planes, lines and temporal vectors at several resolutions.
-///
-/// The three flat buffers are laid out as described in [`FieldShape`].
-///
-/// The paper's equation 4 sums over the ranks of space and of time,
-/// `T4 = (sum_r Mxy_r o vz_r + Mxz_r o vy_r + Myz_r o vx_r) o (sum_r vt_r)`, which taken literally leaves one number a
-/// level. Here, as in the released code, nothing is summed over r: each rank is a channel, and the decoder receives the
-/// product of space and time for every channel of every level. [`volseggs_kernels::field`] explains why the sum is not
-/// offered.
-#[derive(Module, Debug)]
-pub struct FactorisedEncoder {
-    /// Spatial feature matrices of all levels, flat.
-    pub planes: Param<Tensor<1>>,
-    /// Spatial feature vectors of all levels, flat.
-    pub lines: Param<Tensor<1>>,
-    /// Temporal feature vectors of all levels, flat.
-    pub times: Param<Tensor<1>>,
-    #[module(skip)]
-    shape: FieldShape,
-    #[module(skip)]
-    curve: TimeCurve,
-}
+/// All encoders, which `model.encoder` chooses from.
+pub static ENCODERS: Registry<dyn EncoderFactory> =
+    Registry::new("encoder", &[("factorised", &Factorised), ("hexplane", &HexPlane), ("implicit", &Implicit)]);
 
-/// Sizes of the factorised encoder for a configuration: level m has `m * resolution` nodes per axis.
-pub fn field_shape(config: &ModelConfig) -> FieldShape {
-    FieldShape {
-        levels: (1..=config.levels).map(|m| LevelShape { resolution: [m * config.resolution; 3] }).collect(),
-        time_knots: config.time_knots,
-        channels: config.channels,
-    }
-}
-
-/// Initial values of planes and lines.
-pub(super) fn first_values(init: GridInit, len: usize, rng: &mut Rng) -> Vec<f32> {
-    match init {
-        GridInit::Uniform => (0..len).map(|_| 0.1 + 0.4 * rng.uniform()).collect(),
-        GridInit::Zero => vec![0.0; len],
-    }
-}
-
-impl FactorisedEncoder {
-    /// A new encoder.
+/// Makes encoders of one kind, and says from a configuration alone how large they are. None of the numbers overflows,
+/// whatever the configuration says.
+pub trait EncoderFactory: Send + Sync {
+    /// Rejects settings that no encoder can have.
     ///
-    /// With all three factors at zero, every gradient of the data is zero too (a dead saddle), so the default
-    /// initialises planes and lines in [0.1, 0.5] and temporal vectors at 1.
-    pub fn new(config: &ModelConfig, seed: u64, device: &Device) -> Self {
-        let shape = field_shape(config);
-        let mut rng = Rng::new(seed, 0, Purpose::EncoderInit);
-        let mut values = |len| first_values(config.grid_init, len, &mut rng);
-        let (planes, lines) = (values(shape.planes_len()), values(shape.lines_len()));
-        let time = if config.grid_init == GridInit::Uniform { 1.0 } else { 0.0 };
-        let param = |v: Vec<f32>| {
-            let n = v.len();
-            Param::from_tensor(Tensor::from_data(TensorData::new(v, [n]), device))
-        };
-        Self {
-            planes: param(planes),
-            lines: param(lines),
-            times: param(vec![time; shape.times_len()]),
-            shape,
-            curve: config.time_curve,
-        }
+    /// # Errors
+    /// The first such key with its value, and the values allowed.
+    fn check(&self, _: &ModelConfig) -> Result<(), String> {
+        Ok(())
     }
 
-    /// Features `[N, levels * channels]` of points `[N, 3]` in [-1, 1] at `time` in [0, 1] over all knots.
-    pub fn forward(&self, points: Tensor<2>, time: f32) -> Tensor<2> {
-        let (planes, lines, times) = (self.planes.val(), self.lines.val(), self.times.val());
-        match self.curve {
-            TimeCurve::Linear => field(planes, lines, times, points, &self.shape, time),
-            TimeCurve::Cubic => {
-                let (levels, device) = (self.shape.levels.len(), points.device());
-                let now = time_curve::cubic(times, levels, self.shape.time_knots, time, &device);
-                // the vectors of this time alone
-                let shape = FieldShape { time_knots: 1, ..self.shape.clone() };
-                field(planes, lines, now, points, &shape, 0.0)
-            }
-        }
+    /// Creates a new encoder from a checked configuration.
+    fn create(&self, config: &ModelConfig, seed: u64, device: &Device) -> Encoder;
+
+    /// Number of features per Gaussian.
+    fn features(&self, config: &ModelConfig) -> u128 {
+        product(&[config.levels, config.channels])
     }
 
-    /// Sizes and layout.
-    pub fn shape(&self) -> &FieldShape {
-        &self.shape
+    /// Number of parameters; 0 if it is not known.
+    fn parameters(&self, config: &ModelConfig) -> u128;
+
+    /// Number of values that a step keeps per Gaussian until the gradients are computed, besides the features.
+    fn kept_values(&self, _: &ModelConfig) -> u128 {
+        0
     }
+
+    /// Number of values per Gaussian in its widest tensor, if that is not the features.
+    fn widest_layer(&self, _: &ModelConfig) -> u128 {
+        0
+    }
+
+    /// Whether it skips points that are NaN, as `speed.cull_visits` needs.
+    fn skips_culled(&self) -> bool {
+        false
+    }
+
+    /// Time that it takes together with the decoder, relative to the factorised encoder; for the estimate of a sweep.
+    fn relative_time(&self) -> f64 {
+        1.0
+    }
+
+    /// Multiply-adds per Gaussian beyond that time; for the estimate of a sweep.
+    fn products(&self, _: &ModelConfig) -> f64 {
+        0.0
+    }
+}
+
+/// Returns what makes encoders of that name.
+///
+/// # Errors
+/// [`NotRegistered`], which lists the registered names.
+pub fn find_encoder(name: &str) -> Result<&'static dyn EncoderFactory, NotRegistered> {
+    ENCODERS.get(name)
 }
 
 /// One of the encoders.
@@ -106,8 +82,22 @@ pub enum Encoder {
     HexPlane(HexPlaneEncoder),
     /// A multi-layer perceptron.
     Implicit(ImplicitEncoder),
-    /// A registered encoder.
-    Extra(ExtraEncoder),
+    /// One made of a list of parameters and a function, such as those of other programs.
+    Extra(DefinedEncoder),
     /// The whole network of D3DGS: it outputs the changes directly, and there is no decoder.
     D3dgs(DeformationNetwork),
+}
+
+impl Encoder {
+    /// Features `[N, features]` of points `[N, 3]` in [-1, 1] at `time` in [0, 1]; `None` for the network of D3DGS, which
+    /// has none.
+    pub fn forward(&self, points: Tensor<2>, time: f32) -> Option<Tensor<2>> {
+        match self {
+            Self::Factorised(e) => Some(e.forward(points, time)),
+            Self::HexPlane(e) => Some(e.forward(points, time)),
+            Self::Implicit(e) => Some(e.forward(points, time)),
+            Self::Extra(e) => Some(e.forward(points, time)),
+            Self::D3dgs(_) => None,
+        }
+    }
 }

@@ -1,13 +1,8 @@
-//! Definitions of registered space-time encoders.
+//! Encoders as a list of parameters and a function of tensors.
 
 use crate::config::types::ModelConfig;
-use crate::registry::{NotRegistered, Registry};
 use crate::rng::Rng;
 use burn::tensor::{Device, Tensor, TensorData};
-use std::sync::Arc;
-
-/// Encoders by name.
-pub static ENCODERS: Registry<dyn EncoderDefinition> = Registry::new("encoder");
 
 /// A learnt tensor of an encoder with its initial values.
 #[derive(Clone, Debug, PartialEq)]
@@ -94,12 +89,4 @@ pub trait EncoderDefinition: Send + Sync {
     ///
     /// Must be differentiable by burn's autodiff, in the points too: these gradients move the means.
     fn forward(&self, parameters: &Parameters, points: Tensor<2>, time: f32) -> Tensor<2>;
-}
-
-/// Returns the encoder of that name.
-///
-/// # Errors
-/// [`NotRegistered`], which lists the registered encoders.
-pub fn find_encoder(name: &str) -> Result<Arc<dyn EncoderDefinition>, NotRegistered> {
-    ENCODERS.get(name)
 }

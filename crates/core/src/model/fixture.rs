@@ -4,7 +4,7 @@
 
 use super::{HostGaussians, Scene, SceneSpec};
 use crate::config::preset;
-use crate::config::types::{EncoderKind, ModelConfig};
+use crate::config::types::ModelConfig;
 use crate::device::DeviceName;
 
 /// A spec for this model: a box of half size 1, white, harmonics of degree 0.
@@ -23,15 +23,15 @@ pub fn spec(model: ModelConfig) -> SceneSpec {
 
 /// Two Gaussians and a small field.
 pub fn scene() -> Scene {
-    scene_of(EncoderKind::Factorised)
+    scene_of("factorised")
 }
 
 /// The same with another encoder.
-pub fn scene_of(encoder: EncoderKind) -> Scene {
+pub fn scene_of(encoder: &str) -> Scene {
     let device = DeviceName::all()[0].open().unwrap();
     let mut model = preset("best").unwrap().model;
     (model.resolution, model.time_knots, model.channels, model.width, model.sh_degree) = (4, 3, 4, 8, 0);
-    (model.encoder, model.implicit_width) = (encoder, 12);
+    (model.encoder, model.implicit_width) = (encoder.into(), 12);
     let gaussians = HostGaussians {
         means: vec![0.0; 6],
         rotations: [1.0, 0.0, 0.0, 0.0].repeat(2),

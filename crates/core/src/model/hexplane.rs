@@ -9,13 +9,33 @@
 //!
 //! At one time the planes over time are lines, so points are looked up by the same op as in the paper's encoder.
 
-use super::encoder::{field_shape, first_values};
+use super::encoder::{Encoder, EncoderFactory};
+use super::factorised::{field_shape, first_values, grid_nodes};
 use super::time_curve;
 use crate::config::types::{ModelConfig, TimeCurve};
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use volseggs_kernels::field::{FieldShape, field};
+
+/// Makes [`HexPlaneEncoder`]s.
+pub(super) struct HexPlane;
+
+impl EncoderFactory for HexPlane {
+    fn create(&self, config: &ModelConfig, seed: u64, device: &Device) -> Encoder {
+        Encoder::HexPlane(HexPlaneEncoder::new(config, seed, device))
+    }
+
+    fn parameters(&self, config: &ModelConfig) -> u128 {
+        let [planes, lines] = grid_nodes(config);
+        let over_time = lines.saturating_mul(config.time_knots as u128);
+        planes.saturating_add(over_time).saturating_mul(config.channels as u128)
+    }
+
+    fn skips_culled(&self) -> bool {
+        true
+    }
+}
 
 /// The encoder.
 #[derive(Module, Debug)]
@@ -74,7 +94,7 @@ impl HexPlaneEncoder {
 
 #[cfg(test)]
 mod tests {
-    use super::super::encoder::FactorisedEncoder;
+    use super::super::factorised::FactorisedEncoder;
     use super::super::params::to_vec;
     use super::*;
     use crate::config::preset;

@@ -2,11 +2,82 @@
 //! time.
 
 use super::decoder::linear;
+use super::encoder::{Encoder, EncoderFactory};
+use super::size::{MAX_DEPTH, MAX_OCTAVES, layer};
 use crate::config::types::ModelConfig;
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
+
+/// Makes [`ImplicitEncoder`]s.
+pub(super) struct Implicit;
+
+impl EncoderFactory for Implicit {
+    fn check(&self, config: &ModelConfig) -> Result<(), String> {
+        let (depth, skip) = (config.implicit_depth, config.implicit_skip);
+        // (key, value, min, max)
+        let ranges = [
+            ("octaves", config.implicit_octaves, 0, MAX_OCTAVES),
+            ("time_octaves", config.implicit_time_octaves, 0, MAX_OCTAVES),
+            ("width", config.implicit_width, 1, usize::MAX),
+            ("depth", depth, 1, MAX_DEPTH),
+        ];
+        for (name, value, min, max) in ranges {
+            if value < min {
+                return Err(format!("model.implicit_{name} = {value}: at least {min}"));
+            }
+            if value > max {
+                return Err(format!("model.implicit_{name} = {value}: at most {max}"));
+            }
+        }
+        if skip >= depth {
+            return Err(format!(
+                "model.implicit_skip = {skip}: below model.implicit_depth = {depth}, as a layer must follow it; 0 for none"
+            ));
+        }
+        Ok(())
+    }
+
+    fn create(&self, config: &ModelConfig, seed: u64, device: &Device) -> Encoder {
+        Encoder::Implicit(ImplicitEncoder::new(config, seed, device))
+    }
+
+    fn parameters(&self, config: &ModelConfig) -> u128 {
+        let (depth, skip) = (config.implicit_depth as u128, config.implicit_skip as u128);
+        let (width, inputs, outputs) = (config.implicit_width as u128, encoded(config), self.features(config));
+        if depth < 2 {
+            return layer(inputs, outputs);
+        }
+        let within = (depth - 2).saturating_mul(layer(width, width));
+        let whole = layer(inputs, width).saturating_add(within).saturating_add(layer(width, outputs));
+        let joins = if skip == depth - 1 { outputs } else { width };
+        whole.saturating_add(if skip > 0 { inputs.saturating_mul(joins) } else { 0 })
+    }
+
+    /// Its input, the concatenated input of the skip layer, and each layer but the last before and after its ReLU.
+    fn kept_values(&self, config: &ModelConfig) -> u128 {
+        let (width, inputs) = (config.implicit_width as u128, encoded(config));
+        let joined = if config.implicit_skip > 0 { inputs.saturating_add(width) } else { 0 };
+        let layers = (config.implicit_depth as u128).saturating_sub(1).saturating_mul(width);
+        inputs.saturating_add(joined).saturating_add(layers.saturating_mul(2))
+    }
+
+    fn widest_layer(&self, config: &ModelConfig) -> u128 {
+        let (inputs, width) = (encoded(config), config.implicit_width as u128);
+        if config.implicit_skip > 0 { inputs.saturating_add(width) } else { inputs.max(width) }
+    }
+
+    fn products(&self, config: &ModelConfig) -> f64 {
+        self.parameters(config) as f64
+    }
+}
+
+/// Number of values that encode a point and a time.
+fn encoded(config: &ModelConfig) -> u128 {
+    let waves = |octaves: usize| (octaves as u128).saturating_mul(2).saturating_add(1);
+    waves(config.implicit_octaves).saturating_mul(3).saturating_add(waves(config.implicit_time_octaves))
+}
 
 /// A layer: `x W + b`.
 #[derive(Module, Debug)]
@@ -118,7 +189,6 @@ fn octave(k: usize) -> f32 {
 mod tests {
     use super::*;
     use crate::config::preset;
-    use crate::config::types::EncoderKind;
     use crate::device::{DeviceName, largest_buffer};
     use crate::model::size::{encoder_parameters, field_parameters};
     use crate::model::{params, params::HostTensor};
@@ -126,7 +196,7 @@ mod tests {
 
     fn tiny() -> ModelConfig {
         let mut config = preset("best").unwrap().model;
-        (config.encoder, config.levels, config.channels) = (EncoderKind::Implicit, 1, 2);
+        (config.encoder, config.levels, config.channels) = ("implicit".into(), 1, 2);
         (config.implicit_octaves, config.implicit_time_octaves, config.implicit_width) = (2, 1, 5);
         (config.implicit_depth, config.implicit_skip) = (4, 2);
         config
@@ -221,7 +291,7 @@ mod tests {
     fn the_default_has_the_layers_of_d3dgs_and_the_size_that_the_paper_implies() {
         let device = DeviceName::all()[0].open().unwrap();
         let mut config = preset("best").unwrap().model;
-        config.encoder = EncoderKind::Implicit;
+        config.encoder = "implicit".into();
         let encoder = ImplicitEncoder::new(&config, 0, &device);
         let shapes: Vec<[usize; 2]> = encoder.layers.iter().map(|l| l.weight.dims()).collect();
         let (point, time) = (63, 13);
@@ -233,7 +303,7 @@ mod tests {
         let floats = |mib: f64| mib * f64::from(1 << 20) / 4.0;
         let config = ModelConfig { embedding: 0, ..config };
         let decoder = (field_parameters(&config) - encoder_parameters(&config)) as f64;
-        let paper = ModelConfig { encoder: EncoderKind::Factorised, ..config.clone() };
+        let paper = ModelConfig { encoder: "factorised".into(), ..config.clone() };
         let hybrid = field_parameters(&paper) as f64;
         let implied = |gaussians: f64| floats(37.36) - 62.0 * gaussians - decoder;
         let max_gaussians = (floats(43.48) - hybrid) / 62.0;
@@ -247,7 +317,7 @@ mod tests {
     #[test]
     fn initial_features_distinguish_places_and_differ_by_seed() {
         let device = DeviceName::all()[0].open().unwrap();
-        let config = ModelConfig { encoder: EncoderKind::Implicit, ..preset("best").unwrap().model };
+        let config = ModelConfig { encoder: "implicit".into(), ..preset("best").unwrap().model };
         let encoder = |seed: u64| ImplicitEncoder::new(&config, seed, &device);
         let (one, other) = (params::collect(&encoder(1)), params::collect(&encoder(2)));
         assert_eq!(one, params::collect(&encoder(1)));

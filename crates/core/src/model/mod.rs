@@ -7,12 +7,13 @@ pub mod at;
 pub mod camera;
 pub mod d3dgs;
 pub mod decoder;
+pub mod defined_encoder;
 pub mod deformation;
 pub mod drawing;
 pub mod embedding;
 pub mod encoder;
 pub mod encoder_definition;
-pub mod extra_encoder;
+pub mod factorised;
 #[doc(hidden)]
 pub mod fixture;
 pub mod gaussians;

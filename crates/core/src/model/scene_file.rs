@@ -1,13 +1,11 @@
 //! The file format of a scene, and files of named f32 tensors, which checkpoints and affinity fields use too.
 
 use super::d3dgs;
-use super::extra_encoder::ExtraEncoder;
 use super::host::HostGaussians;
 use super::packed::{self, Stored};
 use super::params::{self, FitError, HostTensor};
 use super::size::{self, check_model};
 use super::{Scene, SceneSpec};
-use crate::config::types::EncoderKind;
 use crate::tensors::{self, DIGEST, TensorFileError};
 use crate::versioned;
 use burn::tensor::Device;
@@ -99,9 +97,6 @@ impl Scene {
         let spec: SceneSpec = versioned::from_json(spec).map_err(|e| format(format!("header: {e}")))?;
         check_spec(&spec, &tensors).map_err(|e| format(format!("header: {e}")))?;
         refuse_empty(&tensors).map_err(&format)?;
-        if spec.model.encoder == EncoderKind::Extra {
-            ExtraEncoder::check(&spec.model).map_err(|e| format(e.to_string()))?;
-        }
         let one = HostGaussians::one(&spec.model);
         let scene = Self::of(spec, &tensors, device).map_err(|source| SceneError::Fit { path: path.into(), source })?;
         let n = scene.gaussians.count();
@@ -274,7 +269,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("scene.safetensors");
         let device = DeviceName::all()[0].open().unwrap();
-        let scene = scene_of(EncoderKind::Implicit);
+        let scene = scene_of("implicit");
         scene.save(&path).unwrap();
         let read = Scene::load(&path, &device).unwrap();
         assert_eq!((params::collect(&read), &read.spec), (params::collect(&scene), &scene.spec));

@@ -1,9 +1,10 @@
 //! The size of a model, computed from its configuration alone before anything is allocated. Nothing here overflows,
 //! whatever the configuration says.
 
-use super::encoder_definition::find_encoder;
+use super::d3dgs;
+use super::encoder::find_encoder;
 use super::rendering::{check_dilation, check_path_opacity};
-use crate::config::types::{Appearance, DecoderKind, EncoderKind, ModelConfig, ShBands};
+use crate::config::types::{Appearance, D3dgsConfig, DecoderKind, ModelConfig, ShBands};
 use crate::memory::product;
 use volseggs_kernels::changes::{COLUMNS, WIDTHS};
 
@@ -11,6 +12,44 @@ use volseggs_kernels::changes::{COLUMNS, WIDTHS};
 pub(super) const MAX_OCTAVES: usize = 24;
 /// Layers of the implicit encoder beyond which gradients hardly reach the first ones.
 pub(super) const MAX_DEPTH: usize = 64;
+
+/// What determines the memory of a model of Gaussians, in values.
+#[derive(Clone, Copy, Debug)]
+pub struct ModelSizes {
+    /// Values per Gaussian.
+    pub attributes: u128,
+    /// Those of them that are its colours.
+    pub colours: u128,
+    /// Parameters besides the Gaussians.
+    pub parameters: u128,
+    /// Values that a step keeps per Gaussian until the gradients are computed, besides its attributes.
+    pub kept: u128,
+    /// Inputs of the decoder per Gaussian; 0 without a decoder.
+    pub inputs: u128,
+    /// Width of the decoder's hidden layers; 0 without a decoder.
+    pub width: usize,
+    /// Values per Gaussian in the widest tensor of a network that encodes places; 0 without one.
+    pub widest: u128,
+}
+
+impl ModelSizes {
+    /// Returns the sizes of a scene with the field that `model` describes, or with the network of D3DGS in its place.
+    #[must_use]
+    pub fn of_scene(model: &ModelConfig, network: Option<&D3dgsConfig>) -> Self {
+        let (attributes, colours) = (attributes(model), coefficients(model).saturating_mul(3));
+        let Some(network) = network else {
+            // an embedding is concatenated with the features, and so are the gradients
+            let joined = if model.embedding > 0 { inputs(model) } else { 0 };
+            let features = features(model).saturating_add(joined).saturating_mul(2);
+            let kept = features.saturating_add(hidden(model)).saturating_add(encoder_values(model));
+            let (parameters, inputs, widest) = (field_parameters(model), inputs(model), widest_layer(model));
+            return Self { attributes, colours, parameters, kept, inputs, width: model.width, widest };
+        };
+        let (parameters, kept, widest) =
+            (d3dgs::parameters(network), d3dgs::kept_values(network), d3dgs::widest(network));
+        Self { attributes, colours, parameters, kept, inputs: 0, width: 0, widest }
+    }
+}
 
 /// Rejects sizes that no model can have, naming the key.
 ///
@@ -41,32 +80,7 @@ pub fn check_model(config: &ModelConfig) -> Result<(), String> {
     }
     check_dilation(config.dilation as f32).map_err(|e| format!("model.{e}"))?;
     check_path_opacity(config.path_opacity as f32).map_err(|e| format!("model.{e}"))?;
-    if config.encoder == EncoderKind::Implicit { check_implicit(config) } else { Ok(()) }
-}
-
-fn check_implicit(config: &ModelConfig) -> Result<(), String> {
-    let (depth, skip) = (config.implicit_depth, config.implicit_skip);
-    // (key, value, min, max)
-    let ranges = [
-        ("octaves", config.implicit_octaves, 0, MAX_OCTAVES),
-        ("time_octaves", config.implicit_time_octaves, 0, MAX_OCTAVES),
-        ("width", config.implicit_width, 1, usize::MAX),
-        ("depth", depth, 1, MAX_DEPTH),
-    ];
-    for (name, value, min, max) in ranges {
-        if value < min {
-            return Err(format!("model.implicit_{name} = {value}: at least {min}"));
-        }
-        if value > max {
-            return Err(format!("model.implicit_{name} = {value}: at most {max}"));
-        }
-    }
-    if skip >= depth {
-        return Err(format!(
-            "model.implicit_skip = {skip}: below model.implicit_depth = {depth}, as a layer must follow it; 0 for none"
-        ));
-    }
-    Ok(())
+    find_encoder(&config.encoder).map_err(|e| format!("model.encoder: {e}"))?.check(config)
 }
 
 /// Number of spherical-harmonics coefficients K per Gaussian and channel.
@@ -92,12 +106,7 @@ pub fn attributes(config: &ModelConfig) -> u128 {
 /// Number of features that the encoder outputs per Gaussian.
 #[must_use]
 pub fn features(config: &ModelConfig) -> u128 {
-    match config.encoder {
-        EncoderKind::Extra => find_encoder(&config.extra_encoder).map_or(0, |encoder| encoder.features(config) as u128),
-        EncoderKind::Factorised | EncoderKind::HexPlane | EncoderKind::Implicit => {
-            product(&[config.levels, config.channels])
-        }
-    }
+    find_encoder(&config.encoder).map_or(0, |encoder| encoder.features(config))
 }
 
 /// Number of inputs of the decoder per Gaussian: the features and the embedding.
@@ -119,34 +128,16 @@ fn heads(config: &ModelConfig) -> usize {
     }
 }
 
-/// Number of values that encode a point and a time in the implicit encoder.
-fn encoded(config: &ModelConfig) -> u128 {
-    let waves = |octaves: usize| (octaves as u128).saturating_mul(2).saturating_add(1);
-    waves(config.implicit_octaves).saturating_mul(3).saturating_add(waves(config.implicit_time_octaves))
-}
-
-/// Number of values that a step keeps per Gaussian until the gradients of the implicit encoder are computed: its input,
-/// the concatenated input of the skip layer, and each layer but the last before and after its ReLU. 0 for other
-/// encoders.
+/// Number of values that a step keeps per Gaussian until the gradients of the encoder are computed, besides the features.
 #[must_use]
 pub fn encoder_values(config: &ModelConfig) -> u128 {
-    if config.encoder != EncoderKind::Implicit {
-        return 0;
-    }
-    let (width, inputs) = (config.implicit_width as u128, encoded(config));
-    let joined = if config.implicit_skip > 0 { inputs.saturating_add(width) } else { 0 };
-    let layers = (config.implicit_depth as u128).saturating_sub(1).saturating_mul(width);
-    inputs.saturating_add(joined).saturating_add(layers.saturating_mul(2))
+    find_encoder(&config.encoder).map_or(0, |encoder| encoder.kept_values(config))
 }
 
-/// Number of values per Gaussian in the widest tensor of the implicit encoder. 0 for other encoders.
+/// Number of values per Gaussian in the encoder's widest tensor, if that is not the features.
 #[must_use]
 pub fn widest_layer(config: &ModelConfig) -> u128 {
-    if config.encoder != EncoderKind::Implicit {
-        return 0;
-    }
-    let (inputs, width) = (encoded(config), config.implicit_width as u128);
-    if config.implicit_skip > 0 { inputs.saturating_add(width) } else { inputs.max(width) }
+    find_encoder(&config.encoder).map_or(0, |encoder| encoder.widest_layer(config))
 }
 
 /// Number of parameters of a layer.
@@ -154,38 +145,10 @@ pub(super) fn layer(inputs: u128, outputs: u128) -> u128 {
     inputs.saturating_add(1).saturating_mul(outputs)
 }
 
-/// Number of parameters of the encoder. Those of a registered one are not known and count as 0.
+/// Number of parameters of the encoder; 0 if it is not known.
 #[must_use]
 pub fn encoder_parameters(config: &ModelConfig) -> u128 {
-    match config.encoder {
-        EncoderKind::Factorised | EncoderKind::HexPlane => {
-            let (levels, nodes) = (config.levels as u128, config.resolution as u128);
-            // level m has m * resolution nodes per axis: sums of m and of m * m over the levels
-            let next = levels.saturating_add(1);
-            let sum = levels.saturating_mul(next) / 2;
-            let squares = levels.saturating_mul(next).saturating_mul(levels.saturating_mul(2).saturating_add(1)) / 6;
-            let planes = squares.saturating_mul(nodes).saturating_mul(nodes).saturating_mul(3);
-            let lines = sum.saturating_mul(nodes).saturating_mul(3);
-            let over_time = if config.encoder == EncoderKind::HexPlane {
-                lines.saturating_mul(config.time_knots as u128)
-            } else {
-                lines.saturating_add(product(&[config.levels, config.time_knots]))
-            };
-            planes.saturating_add(over_time).saturating_mul(config.channels as u128)
-        }
-        EncoderKind::Implicit => {
-            let (depth, skip) = (config.implicit_depth as u128, config.implicit_skip as u128);
-            let (width, inputs, outputs) = (config.implicit_width as u128, encoded(config), features(config));
-            if depth < 2 {
-                return layer(inputs, outputs);
-            }
-            let within = (depth - 2).saturating_mul(layer(width, width));
-            let whole = layer(inputs, width).saturating_add(within).saturating_add(layer(width, outputs));
-            let joins = if skip == depth - 1 { outputs } else { width };
-            whole.saturating_add(if skip > 0 { inputs.saturating_mul(joins) } else { 0 })
-        }
-        EncoderKind::Extra => 0,
-    }
+    find_encoder(&config.encoder).map_or(0, |encoder| encoder.parameters(config))
 }
 
 /// Number of parameters of the deformation field: the encoder's, by [`encoder_parameters`], and the decoder's.
@@ -208,13 +171,13 @@ mod tests {
     #[test]
     fn the_count_is_that_of_the_module() {
         let device = DeviceName::all()[0].open().unwrap();
-        let implicit = [(1, 0), (2, 0), (2, 1), (5, 0), (5, 2), (5, 4)].map(|shape| (EncoderKind::Implicit, shape));
-        let grids = [EncoderKind::Factorised, EncoderKind::HexPlane].map(|grid| (grid, (0, 0)));
+        let implicit = [(1, 0), (2, 0), (2, 1), (5, 0), (5, 2), (5, 4)].map(|shape| ("implicit", shape));
+        let grids = ["factorised", "hexplane"].map(|grid| (grid, (0, 0)));
         for (encoder, (depth, skip)) in grids.into_iter().chain(implicit) {
             for decoder in [DecoderKind::Heads, DecoderKind::Shared] {
                 let mut config = preset("best").unwrap().model;
                 (config.levels, config.resolution, config.time_knots) = (3, 5, 7);
-                (config.channels, config.width, config.encoder, config.decoder) = (4, 6, encoder, decoder);
+                (config.channels, config.width, config.encoder, config.decoder) = (4, 6, encoder.into(), decoder);
                 (config.implicit_width, config.implicit_depth, config.implicit_skip) = (9, depth, skip);
                 config.embedding = depth;
                 check_model(&config).unwrap();
@@ -246,7 +209,7 @@ mod tests {
             let mut config = preset("best").unwrap().model;
             edit(&mut config);
             assert_eq!(check_model(&config), Ok(()), "another encoder does not read these keys");
-            config.encoder = EncoderKind::Implicit;
+            config.encoder = "implicit".into();
             let error = check_model(&config).unwrap_err();
             assert!(error.contains(words), "{error}");
         }
@@ -256,7 +219,7 @@ mod tests {
     fn what_a_step_keeps_of_the_implicit_encoder_is_counted() {
         let mut config = preset("best").unwrap().model;
         assert_eq!(encoder_values(&config), 0);
-        config.encoder = EncoderKind::Implicit;
+        config.encoder = "implicit".into();
         assert_eq!(encoder_values(&config), 76 + (76 + 256) + 2 * 7 * 256);
         config.implicit_skip = 0;
         assert_eq!(encoder_values(&config), 76 + 2 * 7 * 256);
@@ -270,9 +233,9 @@ mod tests {
         (config.implicit_width, config.implicit_depth) = (usize::MAX, usize::MAX);
         (config.implicit_time_octaves, config.implicit_skip) = (usize::MAX, usize::MAX);
         (config.sh_degree, config.embedding) = (usize::MAX, usize::MAX);
-        let all = [EncoderKind::Factorised, EncoderKind::HexPlane, EncoderKind::Implicit, EncoderKind::Extra];
+        let all = ["factorised", "hexplane", "implicit"];
         for encoder in all {
-            config.encoder = encoder;
+            config.encoder = encoder.into();
             assert!(field_parameters(&config) > 1 << 64 && attributes(&config) > 1 << 64);
         }
         assert!(check_model(&config).unwrap_err().contains("model.sh_degree"));

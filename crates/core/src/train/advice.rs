@@ -1,6 +1,7 @@
 //! What a configuration allows but hardly means, said before training starts.
 
-use crate::config::types::{Config, DensifyMode, VOLSEGGS};
+use super::densify::rule_of;
+use crate::config::types::{Config, VOLSEGGS};
 
 /// Times that a training shows each view to which the default length is suited: 30,000 steps of the paper's 600 views.
 const ROUNDS: usize = 50;
@@ -15,7 +16,7 @@ pub fn advice(config: &Config, views: usize) -> Vec<String> {
 fn late_additions(config: &Config) -> Option<String> {
     let (densify, joint_steps) = (&config.densify, config.stages.joint_steps);
     // the last step of a run is followed by no addition
-    let adds = densify.mode != DensifyMode::Off && densify.joint_from + 1 < joint_steps;
+    let adds = rule_of(config).adds() && densify.joint_from + 1 < joint_steps;
     (adds && densify.joint_until + 1 >= joint_steps && config.optim.average > 0).then(|| {
         format!(
             "densify.joint_until = {}: Gaussians are added until the run ends (stages.joint_steps = {joint_steps}), and as \
@@ -34,7 +35,7 @@ fn many_rounds(config: &Config, views: usize) -> Option<String> {
     (config.method == VOLSEGGS && views > 0 && joint_steps >= 2 * ROUNDS * views).then(|| {
         let steps = ROUNDS * views;
         let mut sets = vec![("stages.joint_steps", steps), ("optim.warmup_decay_steps", steps)];
-        if config.densify.mode != DensifyMode::Off {
+        if rule_of(config).adds() {
             sets.push(("densify.joint_until", scaled(config.densify.joint_until, joint_steps, steps)));
         }
         if config.loss.dssim > 0.0 {
@@ -72,7 +73,7 @@ mod tests {
         assert!(advice(&config, 600).is_empty());
         for quiet in [
             (|c| c.optim.average = 0) as fn(&mut Config),
-            |c| c.densify.mode = DensifyMode::Off,
+            |c| c.densify.mode = "off".into(),
             |c| c.stages.joint_steps = 0,
             |c| c.densify.joint_from = 4000,
         ] {
@@ -99,7 +100,7 @@ mod tests {
         assert!(advice(&Config { stages: preset("best").unwrap().stages, ..config }, 210).is_empty());
         // no key is named that has no effect
         let mut config = preset("best").unwrap();
-        (config.densify.mode, config.loss.dssim) = (DensifyMode::Off, 0.0);
+        (config.densify.mode, config.loss.dssim) = ("off".into(), 0.0);
         assert!(advice(&config, 210)[0].ends_with("--set optim.warmup_decay_steps=10500"));
     }
 }

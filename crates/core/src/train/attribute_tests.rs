@@ -4,7 +4,7 @@
 use super::Trainer;
 use super::checkpoint::{self, State};
 use crate::config::preset;
-use crate::config::types::{Appearance, Config, EncoderKind, ShBands, TimeCurve};
+use crate::config::types::{Appearance, Config, ShBands, TimeCurve};
 use crate::data::Dataset;
 use crate::data::dataset::OpenOptions;
 use crate::data::fixture::write_sphere_dataset;
@@ -60,7 +60,7 @@ fn normals_and_material_are_trained_and_follow_the_gaussians() {
 /// A configuration with both attributes and space-time planes.
 fn embedded() -> Config {
     let mut config = config(Appearance::Headlight);
-    (config.model.encoder, config.model.time_curve) = (EncoderKind::HexPlane, TimeCurve::Cubic);
+    (config.model.encoder, config.model.time_curve) = ("hexplane".into(), TimeCurve::Cubic);
     (config.model.embedding, config.optim.embedding) = (5, 0.01);
     config
 }

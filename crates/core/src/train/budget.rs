@@ -2,11 +2,11 @@
 //! program. The sizes are counted from the configuration; what kernels need in addition is estimated.
 
 use super::TrainError;
-use super::due::Span;
-use crate::config::types::{Config, DensifyMode};
+use super::densify::rule_of;
+use crate::config::types::{Config, D3dgsConfig};
 use crate::data::Split;
 use crate::memory::Budget;
-use crate::model::{d3dgs, size};
+use crate::model::size::ModelSizes;
 
 /// Bytes per value.
 const VALUE: u128 = 4;
@@ -40,54 +40,32 @@ impl ViewSizes {
     }
 }
 
-/// Refuses a training that needs more memory than `budget`; `on_gpu`, only the tensors' copies on the host count.
+/// Refuses a training of a model of these `sizes` that needs more memory than `budget`; `on_gpu`, only the tensors' copies on the host count.
 ///
 /// # Errors
 /// If the memory does not suffice, naming the key that needs most of it, with its value.
-pub fn check_memory(config: &Config, views: ViewSizes, on_gpu: bool, budget: Budget) -> Result<(), TrainError> {
-    let need = |config: &Config| needed(config, views, on_gpu);
+pub fn check_memory(
+    config: &Config,
+    sizes: fn(&Config) -> ModelSizes,
+    views: ViewSizes,
+    on_gpu: bool,
+    budget: Budget,
+) -> Result<(), TrainError> {
+    let need = |config: &Config| needed(config, sizes(config), views, on_gpu);
     let bytes = need(config);
     budget.check(largest(config, need), bytes).map_err(|e| TrainError::Config(e.to_string()))
 }
 
-/// Sizes that determine the memory of a method's model, in values.
-struct Sizes {
-    /// Values per Gaussian.
-    attributes: u128,
-    /// Parameters besides the Gaussians.
-    parameters: u128,
-    /// Values that a step keeps per Gaussian until the gradients are computed, besides its attributes.
-    kept: u128,
-}
-
-impl Sizes {
-    fn of(config: &Config) -> Self {
-        let model = &config.model;
-        let attributes = size::attributes(model);
-        match (&config.fourdgs, &config.d3dgs) {
-            (Some(in_time), _) => Self {
-                attributes: in_time.numbers(model.sh_degree),
-                parameters: 0,
-                kept: in_time.kept_values(model.sh_degree),
-            },
-            (None, Some(network)) => {
-                Self { attributes, parameters: d3dgs::parameters(network), kept: d3dgs::kept_values(network) }
-            }
-            (None, None) => {
-                // an embedding is concatenated with the features, and so are the gradients
-                let joined = if model.embedding > 0 { size::inputs(model) } else { 0 };
-                let features = size::features(model).saturating_add(joined).saturating_mul(2);
-                let kept = features.saturating_add(size::hidden(model)).saturating_add(size::encoder_values(model));
-                Self { attributes, parameters: size::field_parameters(model), kept }
-            }
-        }
-    }
+/// Returns the sizes of the scene that [`super::Trainer`] trains.
+pub fn scene_sizes(config: &Config) -> ModelSizes {
+    let network = config.sections.get::<D3dgsConfig>().ok().flatten();
+    ModelSizes::of_scene(&config.model, network.as_ref())
 }
 
 /// Returns the bytes at the peak of a training, excluding the images themselves.
-fn needed(config: &Config, views: ViewSizes, on_gpu: bool) -> u128 {
+fn needed(config: &Config, sizes: ModelSizes, views: ViewSizes, on_gpu: bool) -> u128 {
     let (n, count) = (max_gaussians(config), views.count as u128);
-    let Sizes { attributes, parameters, kept } = Sizes::of(config);
+    let ModelSizes { attributes, parameters, kept, .. } = sizes;
     let pixels = views.pixels as u128;
     let averaged = if config.optim.average > 0 { COPIES_AVERAGED } else { 0 };
     let (each, copies, shown) = if on_gpu {
@@ -105,21 +83,9 @@ fn needed(config: &Config, views: ViewSizes, on_gpu: bool) -> u128 {
     values.saturating_mul(VALUE).saturating_add(hull.max(reduced))
 }
 
-/// Returns the maximum number of Gaussians: each time some are added, their number at most doubles, except by relocation,
-/// which may copy one Gaussian several times.
+/// Returns the maximum number of Gaussians during a training.
 pub fn max_gaussians(config: &Config) -> u128 {
-    let (start, d) = (config.init.points as u128, &config.densify);
-    if d.mode == DensifyMode::Off {
-        return start;
-    }
-    let budget = d.budget.max(d.warmup_limit()) as u128;
-    if d.mode == DensifyMode::Relocate {
-        return budget.max(start);
-    }
-    let [warmup, joint] = Span::per_stage(config).map(|span| span.steps() / d.every.max(1));
-    let times = warmup.saturating_add(joint).saturating_add(2);
-    let doubled = start.saturating_mul(1u128.checked_shl(times.min(64) as u32).unwrap_or(u128::MAX));
-    doubled.min(budget).max(start)
+    rule_of(config).max_gaussians(config)
 }
 
 /// A key and an accessor of its value.
@@ -154,7 +120,7 @@ fn largest(config: &Config, need: impl Fn(&Config) -> u128) -> String {
     let best = KEYS.iter().map(saved).min_by_key(|(bytes, _)| *bytes);
     match best {
         Some((bytes, key)) if bytes < need(config) => key,
-        _ if config.densify.mode == DensifyMode::Off || config.init.points > config.densify.budget => {
+        _ if !rule_of(config).adds() || config.init.points > config.densify.budget => {
             format!("init.points = {}", config.init.points)
         }
         _ => format!("densify.budget = {}", config.densify.budget),
@@ -165,20 +131,23 @@ fn largest(config: &Config, need: impl Fn(&Config) -> u128) -> String {
 mod tests {
     use super::*;
     use crate::config::preset;
-    use crate::config::types::EncoderKind;
 
     const VIEWS: ViewSizes = ViewSizes { count: 100, pixels: 400 * 400 };
 
+    fn needed_by(config: &Config, on_gpu: bool) -> u128 {
+        needed(config, scene_sizes(config), VIEWS, on_gpu)
+    }
+
     fn refusal(config: &Config, on_gpu: bool) -> String {
-        check_memory(config, VIEWS, on_gpu, Budget::of(8_000_000_000)).unwrap_err().to_string()
+        check_memory(config, scene_sizes, VIEWS, on_gpu, Budget::of(8_000_000_000)).unwrap_err().to_string()
     }
 
     #[test]
     fn the_default_fits_where_it_runs() {
-        let bytes = needed(&preset("best").unwrap(), VIEWS, false);
+        let bytes = needed_by(&preset("best").unwrap(), false);
         assert!((300_000_000..2_000_000_000).contains(&bytes), "{bytes}");
-        check_memory(&preset("best").unwrap(), VIEWS, false, Budget::of(2_000_000_000)).unwrap();
-        assert!(needed(&preset("best").unwrap(), VIEWS, true) < bytes / 3);
+        check_memory(&preset("best").unwrap(), scene_sizes, VIEWS, false, Budget::of(2_000_000_000)).unwrap();
+        assert!(needed_by(&preset("best").unwrap(), true) < bytes / 3);
     }
 
     #[test]
@@ -194,9 +163,9 @@ mod tests {
             (|c| c.model.channels = 1_000_000, "model.channels = 1000000"),
             (|c| c.model.width = 1_000_000, "model.width = 1000000"),
             (|c| c.model.embedding = 1_000_000, "model.embedding = 1000000"),
-            (|c| (c.model.encoder, c.model.width) = (EncoderKind::Implicit, 1_000_000), "model.width = 1000000"),
+            (|c| (c.model.encoder, c.model.width) = ("implicit".into(), 1_000_000), "model.width = 1000000"),
             (
-                |c| (c.model.encoder, c.model.implicit_width) = (EncoderKind::Implicit, 1_000_000),
+                |c| (c.model.encoder, c.model.implicit_width) = ("implicit".into(), 1_000_000),
                 "model.implicit_width = 1000000",
             ),
         ];
@@ -214,10 +183,10 @@ mod tests {
     fn hidden_layers_of_the_implicit_encoder_count() {
         let mut config = preset("best").unwrap();
         config.densify.budget = 150_000;
-        let before = needed(&config, VIEWS, false);
-        config.model.encoder = EncoderKind::Implicit;
+        let before = needed_by(&config, false);
+        config.model.encoder = "implicit".into();
         // 150,000 Gaussians keep 3,992 values each; the grid's two million parameters are gone
-        let more = needed(&config, VIEWS, false) - before;
+        let more = needed_by(&config, false) - before;
         assert!((2_300_000_000..2_500_000_000).contains(&more), "{more}");
         (config.model.implicit_depth, config.densify.budget) = (64, 300_000);
         assert!(refusal(&config, false).contains("model.implicit_depth = 64"), "{}", refusal(&config, false));
@@ -232,7 +201,7 @@ mod tests {
         config.speed.coarse_steps = 1;
         config.model.sh_degree = usize::MAX;
         let views = ViewSizes { count: usize::MAX, pixels: usize::MAX };
-        assert!(check_memory(&config, views, false, Budget::of(u64::MAX)).is_err());
+        assert!(check_memory(&config, scene_sizes, views, false, Budget::of(u64::MAX)).is_err());
     }
 
     #[test]
@@ -241,9 +210,9 @@ mod tests {
         (config.init.points, config.densify.budget) = (300, 1_000_000_000_000);
         (config.stages.warmup_steps, config.stages.joint_steps) = (0, 1000);
         assert!(max_gaussians(&config) < 300 << 8);
-        config.densify.mode = DensifyMode::Relocate;
+        config.densify.mode = "relocate".into();
         assert_eq!(max_gaussians(&config), 1_000_000_000_000, "one Gaussian may have many copies");
-        config.densify.mode = DensifyMode::Off;
+        config.densify.mode = "off".into();
         assert_eq!(max_gaussians(&config), 300);
     }
 }

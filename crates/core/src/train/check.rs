@@ -1,13 +1,11 @@
 //! Requirements on a configuration before training may start, beyond its types.
 
 use super::budget::max_gaussians;
-use super::rate_schedule::find_schedule;
-use super::{TrainError, ema, losses, schedule};
-use crate::config::types::{Config, DataConfig, DensifyConfig, DensifyMode, EncoderKind};
+use super::{TrainError, densify, ema, losses, rate_schedule};
+use crate::config::types::{Config, DataConfig, DensifyConfig};
 use crate::memory::product;
-use crate::model::d3dgs;
-use crate::model::extra_encoder::ExtraEncoder;
-use crate::model::size::{self, check_model, widest_layer};
+use crate::model::encoder::find_encoder;
+use crate::model::size::{ModelSizes, check_model};
 use crate::rng::{Purpose, Rng};
 use crate::volume::transfer::color::parse_hex;
 use burn::tensor::Device;
@@ -61,21 +59,20 @@ pub fn parse_background(text: &str) -> Result<Background, TrainError> {
 }
 
 /// Refuses a run whose largest buffers the device cannot bind; accepts any on devices in host memory.
-pub fn check_device(config: &Config, start: usize, images: [usize; 2], device: &Device) -> Result<(), TrainError> {
+pub fn check_device(
+    config: &Config,
+    sizes: &ModelSizes,
+    start: usize,
+    images: [usize; 2],
+    device: &Device,
+) -> Result<(), TrainError> {
     let Some(limit) = crate::device::largest_buffer(device) else { return Ok(()) };
     let n = usize::try_from(max_gaussians(config)).unwrap_or(usize::MAX).max(start);
-    let m = &config.model;
-    let colours = size::coefficients(m).saturating_mul(3);
-    // colours of one Gaussian, inputs of the decoder, width of the decoder, widest layer of an implicit network
-    let (colours, seen, width, widest) = match (&config.fourdgs, &config.d3dgs) {
-        (Some(in_time), _) => (in_time.colours(m.sh_degree), 0, 0, 0),
-        (None, Some(network)) => (colours, 0, 0, d3dgs::widest(network)),
-        (None, None) => (colours, size::inputs(m), m.width, widest_layer(m)),
-    };
+    let ModelSizes { colours, inputs, width, widest, .. } = *sizes;
     let needs = [
         (format!("spherical harmonics of {n} Gaussians"), colours.saturating_mul(4 * n as u128)),
         (format!("hidden layers of the decoder for {n} Gaussians"), product(&[n, 4 * 4, width])),
-        (format!("features and embeddings of {n} Gaussians"), seen.saturating_mul(4 * n as u128)),
+        (format!("features and embeddings of {n} Gaussians"), inputs.saturating_mul(4 * n as u128)),
         (format!("widest layer of the implicit network for {n} Gaussians"), widest.saturating_mul(4 * n as u128)),
         ("statistics of DSSIM at this image size".to_owned(), product(&[images[0], images[1], 4 * 15])),
     ];
@@ -115,7 +112,7 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     check_ranges(config)?;
     check_times(&config.data)?;
     check_densify(&config.densify)?;
-    check_budget(config)?;
+    densify::check(config).map_err(TrainError::Config)?;
     check_resets(config)?;
     if config.optim.warmup_decay_steps == 0 {
         return bad("optim.warmup_decay_steps = 0: at least 1".into());
@@ -123,7 +120,6 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     if config.speed.coarse_factor == 0 {
         return bad("speed.coarse_factor = 0: at least 1".into());
     }
-    let is_grid = matches!(config.model.encoder, EncoderKind::Factorised | EncoderKind::HexPlane);
     if config.speed.coarse_steps > 0 && config.speed.coarse_factor == 1 {
         return bad(format!(
             "speed.coarse_steps = {}: images are not reduced with speed.coarse_factor = 1; set it to 2 or \
@@ -131,31 +127,13 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
             config.speed.coarse_steps
         ));
     }
-    if config.speed.cull_visits > 1 && config.loss.fade > 0.0 {
-        return bad(format!(
-            "speed.cull_visits = {} skips faded Gaussians, on which loss.fade = {} acts: use only one of \
-             them",
-            config.speed.cull_visits, config.loss.fade
-        ));
-    }
-    if config.speed.cull_visits > 1 && !is_grid {
+    if config.speed.cull_visits > 1 && !find_encoder(&config.model.encoder).is_ok_and(|e| e.skips_culled()) {
         return bad(format!(
             "speed.cull_visits = {}: only with model.encoder = \"factorised\" or \"hexplane\"",
             config.speed.cull_visits
         ));
     }
-    if config.loss.fade > 0.0 && !config.model.deform_opacity {
-        return bad(format!("loss.fade = {}: nothing fades with model.deform_opacity = false", config.loss.fade));
-    }
-    let loss = &config.loss;
-    let in_warmup = loss.dssim_warmup && config.stages.warmup_steps > 0;
-    if loss.dssim > 0.0 && loss.dssim_last == 0 && !in_warmup {
-        return bad(format!(
-            "loss.dssim = {}: has no effect with loss.dssim_last = 0; set that to the number of last steps in \
-             which it counts",
-            loss.dssim
-        ));
-    }
+    losses::check(config).map_err(TrainError::Config)?;
     if config.stages.warmup_steps + config.stages.joint_steps == 0 {
         return bad("stages.warmup_steps and stages.joint_steps are both 0: nothing to train".into());
     }
@@ -165,14 +143,13 @@ pub fn check(config: &Config) -> Result<(), TrainError> {
     if config.output.eval_every > 0 && config.output.eval_views == 0 {
         return bad("output.eval_views = 0: at least 1; output.eval_every=0 turns evaluations off".into());
     }
-    check_registered(config)
+    rate_schedule::check(&config.optim).map_err(TrainError::Config)
 }
 
 /// Refuses numbers that would soon lead to NaN, for which the learning rates would then be blamed.
 fn check_ranges(config: &Config) -> Result<(), TrainError> {
     let (init, optim) = (&config.init, &config.optim);
     let [first, second] = optim.betas;
-    let falls_to_nothing = optim.schedule == schedule::SCHEDULES[0];
     // (key, value, min, max)
     let ranges = [
         ("init.scale", init.scale, 1e-6, 1e6),
@@ -185,7 +162,6 @@ fn check_ranges(config: &Config) -> Result<(), TrainError> {
         ("densify.prune_opacity", config.densify.prune_opacity, 0.0, 0.999),
         // a rate that falls log-linearly to zero is zero from the second step on
         ("optim.attributes_final_fraction", optim.attributes_final_fraction, 1e-9, 1e9),
-        ("optim.final_fraction", if falls_to_nothing { optim.final_fraction } else { 1.0 }, 1e-9, 1e9),
     ];
     match ranges.into_iter().find(|(_, value, min, max)| !(min..=max).contains(&value)) {
         None => Ok(()),
@@ -240,19 +216,6 @@ fn check_densify(densify: &DensifyConfig) -> Result<(), TrainError> {
     Ok(())
 }
 
-/// Refuses a budget for more Gaussians than there are at the start if none are ever added.
-fn check_budget(config: &Config) -> Result<(), TrainError> {
-    let (points, densify) = (config.init.points, &config.densify);
-    let budgets = [("budget", densify.budget), ("warmup_budget", densify.warmup_budget)];
-    match budgets.into_iter().find(|(_, budget)| densify.mode == DensifyMode::Off && *budget > points) {
-        Some((key, budget)) => Err(TrainError::Config(format!(
-            "densify.{key} = {budget}: none are added to init.points = {points} with densify.mode = \"off\"; set \
-             densify.{key} to {points}, or densify.mode to \"budget\""
-        ))),
-        None => Ok(()),
-    }
-}
-
 /// Refuses opacity resets that never come.
 fn check_resets(config: &Config) -> Result<(), TrainError> {
     let (densify, warmup) = (&config.densify, config.stages.warmup_steps);
@@ -274,28 +237,6 @@ fn check_resets(config: &Config) -> Result<(), TrainError> {
         return Ok(());
     };
     Err(TrainError::Config(text))
-}
-
-/// Refuses unregistered names at the start, not after hours of training.
-fn check_registered(config: &Config) -> Result<(), TrainError> {
-    let bad = |text: String| Err(TrainError::Config(text));
-    if let Err(error) = losses::ExtraTerms::new(&config.loss) {
-        return bad(format!("loss.extra: {error}"));
-    }
-    let (model, name) = (&config.model, &config.optim.schedule);
-    if model.encoder == EncoderKind::Extra {
-        ExtraEncoder::check(model).or_else(|error| bad(error.to_string()))?;
-    } else if !model.extra_encoder.is_empty() {
-        return bad(format!("model.extra_encoder = \"{}\": only with model.encoder = \"extra\"", model.extra_encoder));
-    }
-    if let (Err(error), false) = (find_schedule(name), schedule::SCHEDULES.contains(&name.as_str())) {
-        return bad(format!("optim.schedule: {error}; built in: {}", schedule::SCHEDULES.join(", ")));
-    }
-    let factors = (0..=100).map(|k| schedule::decay(&config.optim, f64::from(k) / 100.0));
-    match factors.into_iter().find(|f| !(f.is_finite() && *f >= 0.0)) {
-        Some(factor) => bad(format!("optim.schedule = \"{name}\" gives a factor of {factor}: finite, 0 or above")),
-        None => Ok(()),
-    }
 }
 
 /// Describes the first number that is below 0, not finite (which JSON writes as null) or beyond single precision: no

@@ -3,8 +3,9 @@
 //! It is applied when the next step begins. What follows a step, such as an evaluation, a checkpoint or the end of the
 //! run, thus sees Gaussians that have been trained since, not copies that still overlap or opacities just reset.
 
+use super::densify::rule_of;
 use super::schedule::Stage;
-use crate::config::types::{Config, DensifyMode};
+use crate::config::types::Config;
 use crate::model::params::HostTensor;
 use std::collections::BTreeMap;
 
@@ -128,12 +129,9 @@ fn due(stage: Stage, config: &Config, start: usize) -> Due {
     let ends = stage.is_joint() || joint.steps() == 0 || d.warmup_budget > 0;
     let is_last = ends && within && step == span.until;
     let every = |n: usize| within && step.is_multiple_of(n.max(1));
-    let grow_to = match d.mode {
-        _ if !(every(d.every) || is_last) => None,
-        DensifyMode::Off => None,
-        DensifyMode::Threshold if stage.is_joint() => Some(d.budget),
-        DensifyMode::Threshold => Some(d.warmup_limit()),
-        DensifyMode::Budget | DensifyMode::Relocate => Some(line(stage, config, start)),
+    let grow_to = match every(d.every) || is_last {
+        true => rule_of(config).target(d, stage, line(stage, config, start)),
+        false => None,
     };
     let prunes = match stage {
         Stage::Warmup(_) => step > d.prune_from,
@@ -181,9 +179,10 @@ fn line(stage: Stage, config: &Config, start: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::PRESETS;
     use crate::config::layers::Layers;
-    use crate::config::preset;
+    use crate::config::sections::Section;
+    use crate::config::types::D3dgsConfig;
+    use crate::config::{PRESETS, preset};
 
     /// Returns the warm-up steps, counted from 1, at which `what` is due.
     fn warmup_steps(config: &Config, what: impl Fn(Due) -> bool) -> Vec<usize> {
@@ -237,7 +236,7 @@ mod tests {
     #[test]
     fn what_is_due_waits_for_the_next_step_and_is_applied_once() {
         let mut config = preset("best").unwrap();
-        (config.densify.mode, config.speed.sort_every) = (DensifyMode::Off, 100);
+        (config.densify.mode, config.speed.sort_every) = ("off".into(), 100);
         (config.densify.prune_opacity, config.densify.opacity_reset) = (0.0, 250);
         let reset = Due { reset: true, ..Due::default() };
         let mut pending = PendingDensification::default();
@@ -262,7 +261,7 @@ mod tests {
     #[test]
     fn a_span_without_steps_adds_nothing_even_at_its_end() {
         let mut config = preset("best").unwrap();
-        (config.densify.mode, config.stages.joint_steps) = (DensifyMode::Threshold, 20_000);
+        (config.densify.mode, config.stages.joint_steps) = ("threshold".into(), 20_000);
         (config.densify.joint_from, config.densify.joint_until) = (20_000, 14_900);
         let joint = |step: usize| due(Stage::Joint(step), &config, 100).grow_to;
         assert_eq!((joint(14_899), joint(19_999)), (None, None));
@@ -286,7 +285,7 @@ mod tests {
         let all = targets(&config, 100);
         assert_eq!(all[9], 700);
         assert!(all[10..].iter().all(|n| *n == 500), "{all:?}");
-        config.densify.mode = DensifyMode::Threshold;
+        config.densify.mode = "threshold".into();
         let all = targets(&config, 100);
         assert!(all[..10].iter().all(|n| *n == 700) && all[10..].iter().all(|n| *n == 500), "{all:?}");
     }
@@ -308,7 +307,9 @@ mod tests {
 
     #[test]
     fn resets_may_go_on_in_the_joint_stage_counted_over_the_run() {
-        let config = Layers::new(PRESETS).source("d3dgs").resolve::<Config>().unwrap().value;
+        Section::of::<D3dgsConfig>().add();
+        let d3dgs = Layers::new(PRESETS).source("../../configs/methods/d3dgs.toml");
+        let config = d3dgs.resolve::<Config>().unwrap().value;
         let steps = config.stages.warmup_steps + config.stages.joint_steps;
         let run = (1..=steps).map(|step| (step, due(Stage::from_step(step - 1, &config), &config, 100)));
         let run: Vec<(usize, Due)> = run.collect();

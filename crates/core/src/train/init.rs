@@ -1,6 +1,6 @@
 //! Initial Gaussians and bounding box of the deformation field.
 
-use crate::config::types::{Bounds, Config, Placement};
+use crate::config::types::{Bounds, Config, D3dgsConfig, Placement};
 use crate::data::Split;
 use crate::data::error::DataError;
 use crate::data::hull::{Aabb, HullOptions, VisualHull, sample_coloured};
@@ -67,7 +67,7 @@ pub fn initialise(
         background,
         deformed: false,
         sh_degree: 0,
-        d3dgs: config.d3dgs.clone(),
+        d3dgs: config.sections.get::<D3dgsConfig>().ok().flatten(),
         packed_from: None,
     };
     Ok((gaussians, spec))

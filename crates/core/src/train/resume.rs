@@ -6,6 +6,7 @@
 //! next step on (a rate that had fallen to its end rises to its value in the longer schedule, and a late DSSIM moves to
 //! the new end), so a lengthened run differs from a run of that length from the start.
 
+use crate::config::sections;
 use std::collections::BTreeMap;
 use std::fmt;
 use toml::{Table, Value};
@@ -15,8 +16,6 @@ const LENGTH: &str = "stages.joint_steps";
 
 /// Key of the moving average.
 pub(super) const AVERAGE: &str = "optim.average";
-/// The file of the VGG weights, which may have moved.
-const VGG: &str = "insitunet.vgg";
 
 /// A key whose value differs from the checkpoint's.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,7 +61,8 @@ pub fn changes(was: &str, now: &str, step: usize) -> Result<(Vec<Change>, Vec<Ch
 }
 
 fn refusal(key: &str, before: Option<&Value>, after: Option<&Value>, step: usize) -> Option<String> {
-    if ["output.", "segment."].iter().any(|section| key.starts_with(section)) || [AVERAGE, VGG].contains(&key) {
+    let free = ["output.", "segment."].iter().any(|section| key.starts_with(section));
+    if free || key == AVERAGE || sections::may_change(key) {
         return None;
     }
     if key == LENGTH {
@@ -94,7 +94,21 @@ fn flatten(prefix: &str, table: &Table, all: &mut BTreeMap<String, Value>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::config::sections::{Section, Settings};
     use crate::config::types::Config;
+    use schemars::JsonSchema;
+    use serde::{Deserialize, Serialize};
+
+    #[derive(Default, Serialize, Deserialize, JsonSchema)]
+    #[serde(default)]
+    struct Moved {
+        file: String,
+    }
+
+    impl Settings for Moved {
+        const SECTION: &'static str = "test-moved";
+        const MAY_CHANGE: &'static [&'static str] = &["file"];
+    }
 
     fn text(edit: impl Fn(&mut Config)) -> String {
         let mut config = Config::default();
@@ -106,8 +120,9 @@ mod tests {
     fn logs_and_length_may_change_and_other_changes_are_named() {
         let base = text(|_| ());
         assert_eq!(changes(&base, &base, 5).unwrap(), (Vec::new(), Vec::new()));
-        let (moved, refused) = changes("[insitunet]\nvgg = 'a'", "[insitunet]\nvgg = 'b'", 5).unwrap();
-        assert_eq!((moved[0].key.as_str(), refused.len()), ("insitunet.vgg", 0), "the file may have moved");
+        Section::of::<Moved>().add();
+        let (moved, refused) = changes("[test-moved]\nfile = 'a'", "[test-moved]\nfile = 'b'", 5).unwrap();
+        assert_eq!((moved[0].key.as_str(), refused.len()), ("test-moved.file", 0), "the file may have moved");
         let more = text(|c| {
             c.output.log_every = 7;
             c.segment.layers.join = false;

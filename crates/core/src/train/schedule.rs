@@ -64,43 +64,12 @@ impl Stage {
     pub fn is_joint(self) -> bool {
         matches!(self, Self::Joint(_))
     }
-
-    /// Weight of DSSIM: active in the last `loss.dssim_last` steps of the joint stage (of warm-up if there is no joint
-    /// stage), rising over the first `loss.dssim_ramp` of them. DSSIM's gradients are many times those of L2, and
-    /// Adam's second moment takes some hundred steps to learn their size; switched on at once, DSSIM sets the scene
-    /// back. With `loss.dssim_warmup` it also has its full weight in warm-up.
-    pub fn dssim_weight(self, config: &Config) -> f64 {
-        let stages = &config.stages;
-        let (s, steps) = match self {
-            Self::Joint(s) => (s, stages.joint_steps),
-            Self::Warmup(_) if config.loss.dssim_warmup => return config.loss.dssim,
-            Self::Warmup(s) if stages.joint_steps == 0 => (s, stages.warmup_steps),
-            Self::Warmup(_) => return 0.0,
-        };
-        let start = steps.saturating_sub(config.loss.dssim_last);
-        if s < start || config.loss.dssim_last == 0 {
-            return 0.0;
-        }
-        // a ramp longer than what is left would never reach the weight
-        let ramp = config.loss.dssim_ramp.min(steps - start).max(1);
-        let ramp = (s - start + 1) as f64 / ramp as f64;
-        config.loss.dssim * ramp.min(1.0)
-    }
 }
 
-/// The built-in schedules.
-pub const SCHEDULES: [&str; 3] = ["log-linear", "cosine", "constant"];
-
-/// Returns the factor applied to the rates of means, encoder, decoder and embedding at `progress` in [0, 1]: that of
-/// the registered schedule `optim.schedule`, or of the built-in one of that name, or else log-linear.
+/// Returns the factor applied to the rates of means, encoder, decoder and embedding at `progress` in [0, 1]: that of the
+/// schedule `optim.schedule`, whose name has been checked.
 pub fn decay(config: &OptimConfig, progress: f64) -> f64 {
-    let last = config.final_fraction;
-    match (find_schedule(&config.schedule), config.schedule.as_str()) {
-        (Ok(schedule), _) => schedule.factor(progress),
-        (_, "cosine") => last + (1.0 - last) * 0.5 * (1.0 + (std::f64::consts::PI * progress).cos()),
-        (_, "constant") => 1.0,
-        _ => last.powf(progress),
-    }
+    find_schedule(&config.schedule).map_or(1.0, |schedule| schedule.factor(progress, config))
 }
 
 /// Returns the learning rate of a parameter by its name, `None` if it is not trained in this stage.
@@ -195,10 +164,10 @@ mod tests {
     }
 
     #[test]
-    fn rates_may_fall_once_over_the_whole_run_and_dssim_count_from_the_first_step() {
+    fn rates_may_fall_once_over_the_whole_run() {
         let mut config = to_a_hundredth();
         (config.stages.warmup_steps, config.stages.joint_steps) = (3000, 27_000);
-        (config.optim.decay_over, config.loss.dssim_warmup) = (DecayOver::Run, true);
+        config.optim.decay_over = DecayOver::Run;
         let rate = |name, stage| learning_rate(name, stage, &config, 1.0).unwrap();
         let start = rate("gaussians.means", Stage::Warmup(0));
         for (stage, progress) in [(Stage::Warmup(1500), 0.05), (Stage::Joint(0), 0.1), (Stage::Joint(12_000), 0.5)] {
@@ -213,9 +182,6 @@ mod tests {
         let fallen =
             rate("gaussians.opacity_logits", Stage::Warmup(1500)) / rate("gaussians.opacity_logits", Stage::Warmup(0));
         assert!((fallen - 0.01f64.powf(0.05)).abs() < 1e-12, "{fallen}");
-        (config.loss.dssim_last, config.loss.dssim_ramp) = (27_000, 1);
-        let weights = [Stage::Warmup(0), Stage::Warmup(2999), Stage::Joint(0), Stage::Joint(26_999)];
-        assert_eq!(weights.map(|stage| stage.dssim_weight(&config)), [config.loss.dssim; 4]);
     }
 
     #[test]
@@ -226,37 +192,5 @@ mod tests {
         let start = rate("gaussians.means", Stage::Joint(0)).unwrap();
         let middle = rate("gaussians.means", Stage::Joint(10_000)).unwrap();
         assert!((start - 6.4e-4).abs() < 1e-9 && (middle / start - 0.1).abs() < 1e-9);
-    }
-
-    #[test]
-    fn the_built_in_schedules_end_where_they_say() {
-        let mut config = to_a_hundredth().optim;
-        let mut course = |name: &str| {
-            config.schedule = name.to_owned();
-            [0.0, 0.5, 1.0].map(|p| decay(&config, p))
-        };
-        assert_eq!(course("log-linear"), [1.0, 0.01f64.powf(0.5), 0.01]);
-        assert_eq!(course("constant"), [1.0; 3]);
-        let [start, middle, end] = course("cosine");
-        assert!((start - 1.0).abs() < 1e-12 && (middle - 0.505).abs() < 1e-12 && (end - 0.01).abs() < 1e-12);
-    }
-
-    #[test]
-    fn dssim_comes_late_and_rises() {
-        let mut config = to_a_hundredth();
-        (config.loss.dssim, config.loss.dssim_ramp) = (0.2, 10);
-        let weight = |s| Stage::Joint(s).dssim_weight(&config);
-        assert_eq!(weight(14_999), 0.0);
-        assert!((weight(15_000) - 0.02).abs() < 1e-12);
-        assert_eq!((weight(15_009), weight(19_999)), (0.2, 0.2));
-        assert_eq!(Stage::Warmup(499).dssim_weight(&config), 0.0);
-        // a static scene: the last steps of warm-up, or all of them
-        (config.stages.warmup_steps, config.stages.joint_steps, config.loss.dssim_ramp) = (6000, 0, 1);
-        assert_eq!([999, 1000, 5999].map(|s| Stage::Warmup(s).dssim_weight(&config)), [0.0, 0.2, 0.2]);
-        config.loss.dssim_last = 6000;
-        assert_eq!(Stage::Warmup(0).dssim_weight(&config), 0.2);
-        // the same without a joint stage as with one
-        (config.loss.dssim_warmup, config.loss.dssim_last) = (true, 0);
-        assert_eq!([0, 5999].map(|s| Stage::Warmup(s).dssim_weight(&config)), [0.2; 2]);
     }
 }

@@ -3,7 +3,7 @@
 use super::schedule::{Stage, learning_rate};
 use super::{InPlace, Saved, TrainError, Trainer, Training, losses};
 use crate::config::layers::Layers;
-use crate::config::types::{Config, DensifyMode, EncoderKind, GridInit, ShBands, TvOrder, TvReduction};
+use crate::config::types::{Config, GridInit, ShBands, TvOrder, TvReduction};
 use crate::config::{PRESETS, preset};
 use crate::data::Dataset;
 use crate::data::dataset::OpenOptions;
@@ -17,7 +17,7 @@ use burn::tensor::Tensor;
 /// 200 Gaussians, no warm-up, and a loss of colours and alpha only.
 fn config() -> Config {
     let mut config = preset("best").unwrap();
-    config.model.encoder = EncoderKind::Factorised;
+    config.model.encoder = "factorised".into();
     (config.init.points, config.model.sh_bands, config.model.sh_degree) = (200, ShBands::All, 1);
     (config.model.resolution, config.model.channels, config.model.width) = (8, 8, 16);
     (config.stages.warmup_steps, config.stages.joint_steps) = (0, 40);
@@ -144,7 +144,7 @@ fn the_weight_of_the_distance_scales_it() {
 #[test]
 fn every_layer_of_the_implicit_encoder_is_trained() {
     let mut config = config();
-    (config.model.encoder, config.model.implicit_width, config.optim.encoder) = (EncoderKind::Implicit, 24, 1e-3);
+    (config.model.encoder, config.model.implicit_width, config.optim.encoder) = ("implicit".into(), 24, 1e-3);
     let (data, mut trainer) = trainer(&config);
     let start = params::collect(trainer.scene());
     let losses: Vec<f64> = (0..30).map(|_| trainer.step(&data.train).unwrap().loss).collect();
@@ -303,7 +303,7 @@ fn a_run_lengthened_by_a_joint_stage_begins_a_new_average_with_it() {
     let with_joint = |joint_steps: usize| {
         let mut config = config();
         (config.optim.average, config.stages.warmup_steps, config.stages.joint_steps) = (20, 60, joint_steps);
-        (config.densify.mode, config.densify.budget, config.densify.prune_opacity) = (DensifyMode::Off, 200, 0.0);
+        (config.densify.mode, config.densify.budget, config.densify.prune_opacity) = ("off".into(), 200, 0.0);
         trainer(&config)
     };
     let (data, mut short) = with_joint(0);
@@ -326,7 +326,7 @@ fn a_run_lengthened_by_a_joint_stage_begins_a_new_average_with_it() {
 #[test]
 fn relocation_keeps_the_number_of_gaussians_on_the_line_and_resumes_bit_identically() {
     let mut config = config();
-    (config.stages.joint_steps, config.densify.mode, config.densify.budget) = (60, DensifyMode::Relocate, 240);
+    (config.stages.joint_steps, config.densify.mode, config.densify.budget) = (60, "relocate".into(), 240);
     (config.densify.every, config.densify.prune_every, config.densify.prune_opacity) = (5, 10, 0.05);
     (config.densify.joint_from, config.densify.joint_until) = (10, 40);
     let (data, mut whole) = trainer(&config);

@@ -1,19 +1,20 @@
 //! One training step at a time: what was due after the last, view, forward, loss, backward, optimiser.
 
-use super::budget::{ViewSizes, check_memory};
+use super::budget::{ViewSizes, check_memory, scene_sizes};
 use super::check::{Background, check, check_device, evaluation_background, parse_background};
 use super::culling::Culling;
 use super::densify;
 use super::due::{Changes, Due, PendingDensification, sorts_after};
 use super::ema::Ema;
 use super::gather::{GatheredStatistics, ViewContribution};
-use super::loss_term::LossInput;
+use super::losses::{LossInput, LossTerms, photometric};
 use super::optimizer::{AdamConstants, Optimizer};
 use super::schedule::{self, Stage};
 use super::spatial;
 use super::target::target;
+use super::time_noise::{TimeNoise, mean_interval};
 use super::watch::LossWatch;
-use super::{InPlace, StepReport, StepTimes, TrainError, init, losses, time_noise, timed};
+use super::{InPlace, StepReport, StepTimes, TrainError, init, timed};
 use crate::config::types::{Config, WarmupTimes};
 use crate::data::{Camera, Dataset, Split};
 use crate::memory::Budget;
@@ -39,10 +40,6 @@ struct StepView {
 /// The Gaussians at the time of a step's view.
 struct Deformed {
     gaussians: SplatInputs,
-    /// Their opacity logits `[N]`.
-    logits: Tensor<1>,
-    /// A copy of the Gaussians for registered loss terms, if there are any.
-    for_terms: Option<SplatInputs>,
     /// Whether none was skipped.
     is_whole: bool,
 }
@@ -61,11 +58,10 @@ pub struct Trainer {
     /// Gaussians at the start: where the line towards the budget begins.
     pub(super) initial: usize,
     extent: f64,
-    /// Spacing of the training times.
-    interval: f64,
+    time_noise: TimeNoise,
     background: Background,
     warmup_views: Vec<usize>,
-    extra: losses::ExtraTerms,
+    terms: LossTerms,
     /// The training views at reduced size, for the first steps.
     pub(super) coarse: Option<Split>,
     device: Device,
@@ -81,7 +77,8 @@ impl Trainer {
     /// If the configuration contradicts itself or training cannot start with the data.
     pub fn new(config: Config, dataset: &Dataset, device: &Device) -> Result<Self, TrainError> {
         check(&config)?;
-        check_memory(&config, ViewSizes::from_split(&dataset.train), crate::device::runs_ahead(device), Budget::now())?;
+        let (views, runs_ahead) = (ViewSizes::from_split(&dataset.train), crate::device::runs_ahead(device));
+        check_memory(&config, scene_sizes, views, runs_ahead, Budget::now())?;
         let shown = evaluation_background(&config.data.background)?;
         let (mut gaussians, spec) = init::initialise(&dataset.train, &config, shown)?;
         if config.speed.sort_every > 0 {
@@ -106,7 +103,8 @@ impl Trainer {
         let device = scene.gaussians.means.val().device();
         let runs_ahead = crate::device::runs_ahead(&device);
         let images = &dataset.train.images;
-        check_device(&config, initial, [images.width as usize, images.height as usize], &device)?;
+        let size = [images.width as usize, images.height as usize];
+        check_device(&config, &scene_sizes(&config), initial, size, &device)?;
         Ok(Self {
             runs_ahead,
             watch: LossWatch::new(&device, config.output.checkpoint_every, total_steps(&config)),
@@ -119,10 +117,10 @@ impl Trainer {
             step: 0,
             initial,
             extent: dataset.scene_extent(),
-            interval: time_noise::mean_interval(&dataset.train.times()),
+            time_noise: TimeNoise::new(&config, mean_interval(&dataset.train.times())),
             background: parse_background(&config.data.background)?,
             warmup_views: warmup_views(&dataset.train, config.stages.warmup_times),
-            extra: losses::ExtraTerms::new(&config.loss).map_err(|e| TrainError::Config(e.to_string()))?,
+            terms: LossTerms::registered(),
             coarse,
             scene: InPlace::new(scene),
             config,
@@ -176,13 +174,12 @@ impl Trainer {
         timed(&mut times.densify, || self.apply_pending());
         let stage = self.begin_stage();
         let view = timed(&mut times.data, || self.training_view(split, stage));
-        let deformed = timed(&mut times.deform, || self.deform(stage, view.time));
-        let Deformed { gaussians, logits, for_terms, is_whole } = deformed;
-        let (drawn, offsets) = timed(&mut times.splat, || self.draw(gaussians, &view));
-        let loss = timed(&mut times.loss, || self.loss(stage, &view, drawn.image, &logits, for_terms))?;
+        let Deformed { gaussians, is_whole } = timed(&mut times.deform, || self.deform(stage, view.time));
+        let (drawn, offsets) = timed(&mut times.splat, || self.draw(gaussians.clone(), &view));
+        let loss = timed(&mut times.loss, || self.loss(stage, &view, &drawn.image, &gaussians))?;
         let mut gradients = timed(&mut times.backward, || loss.backward());
         timed(&mut times.densify, || {
-            let (screen, logits) = (offsets.grad_remove(&mut gradients), logits.inner());
+            let (screen, logits) = (offsets.grad_remove(&mut gradients), gaussians.opacity_logits.inner());
             if stage.is_joint() && is_whole && self.culling.is_on() {
                 self.culling.record(view.time, &to_vec(logits.clone()));
             }
@@ -241,10 +238,8 @@ impl Trainer {
     /// Returns the Gaussians at `time`, without those that may be skipped.
     fn deform(&mut self, stage: Stage, time: f64) -> Deformed {
         let culled = if stage.is_joint() { self.culling.visit(time) } else { None };
-        let noisy = time_noise::noisy(time, &self.config, self.step, self.interval);
-        let gaussians = self.scene.at_without(noisy, culled.as_deref());
-        let (logits, for_terms) = (gaussians.opacity_logits.clone(), self.extra.keep(&gaussians));
-        Deformed { gaussians, logits, for_terms, is_whole: culled.is_none() }
+        let noisy = self.time_noise.noisy(time, self.step);
+        Deformed { gaussians: self.scene.at_without(noisy, culled.as_deref()), is_whole: culled.is_none() }
     }
 
     /// Returns the image of the view, and offsets of zero `[N, 2]` whose gradient is that of the screen positions.
@@ -254,7 +249,7 @@ impl Trainer {
         (self.scene.draw(gaussians, camera, view.background, Some(offsets.clone())), offsets)
     }
 
-    /// Returns the loss `[1]` of the image `[H, W, 4]` drawn from Gaussians with opacity logits `[N]`.
+    /// Returns the loss `[1]` of the image `[H, W, 4]` drawn from `gaussians`.
     ///
     /// # Errors
     /// [`TrainError::NotFinite`] if it is not finite.
@@ -262,33 +257,16 @@ impl Trainer {
         &mut self,
         stage: Stage,
         view: &StepView,
-        image: Tensor<3>,
-        logits: &Tensor<1>,
-        for_terms: Option<SplatInputs>,
+        image: &Tensor<3>,
+        gaussians: &SplatInputs,
     ) -> Result<Tensor<1>, TrainError> {
-        let (config, step, scene) = (&self.config.loss, self.step, &*self.scene);
+        let (config, weight, step) = (&self.config, self.config.loss.weight, self.step);
         let StepView { target, camera, .. } = view;
-        let distance = losses::photometric(image.clone(), target.clone(), config);
-        let mut loss =
-            if config.weight == 1.0 { distance.loss } else { distance.loss.mul_scalar(config.weight as f32) };
-        if let Some(at) = &for_terms {
-            let time = view.time as f32;
-            let input = LossInput { image: &image, target, scene, at, camera, stage, step, time };
-            loss = self.extra.add_to(loss, &input);
-        }
-        let dssim = stage.dssim_weight(&self.config);
-        if dssim > 0.0 {
-            loss = loss + losses::dssim(image, target.clone()).mul_scalar(dssim as f32);
-        }
-        if stage.is_joint()
-            && let Some(tv) = losses::smoothness(&scene.field.encoder, config)
-        {
-            loss = loss + tv;
-        }
-        if stage.is_joint() && config.fade > 0.0 {
-            let canonical = scene.gaussians.opacity_logits.val();
-            loss = loss + losses::fading(logits.clone(), canonical).mul_scalar(config.fade as f32);
-        }
+        let distance = photometric(image.clone(), target.clone(), &config.loss);
+        let loss = if weight == 1.0 { distance.loss } else { distance.loss.mul_scalar(weight as f32) };
+        let (scene, time) = (&*self.scene, view.time as f32);
+        let seen = LossInput { image, target, scene, at: gaussians, camera, config, stage, step, time };
+        let loss = self.terms.add_to(loss, &seen);
         self.watch.check(step, &loss, || distance.squared)?;
         Ok(loss)
     }

@@ -12,8 +12,11 @@ pub struct DensifyConfig {
     pub budget: usize,
     /// The same for warm-up; 0 uses `budget`.
     pub warmup_budget: usize,
-    /// How new Gaussians are chosen.
-    pub mode: DensifyMode,
+    /// How new Gaussians are chosen: those with the largest gradients, as many as needed to reach the budget along a
+    /// straight line (`budget`); those above the threshold, as in 3DGS, limited by the budget (`threshold`); by relocation,
+    /// as in 3DGS-MCMC: as many as in `budget` mode, and one for each that is removed, copied from Gaussians drawn in
+    /// proportion to their opacity (`relocate`); none (`off`); or a registered rule, see `docs/research.md`.
+    pub mode: String,
     /// Steps between densifications.
     pub every: usize,
     /// Gaussians are added only after this step of warm-up.
@@ -56,7 +59,7 @@ impl Default for DensifyConfig {
         Self {
             budget: 150_000,
             warmup_budget: 0,
-            mode: DensifyMode::Budget,
+            mode: "budget".into(),
             every: 100,
             warmup_from: 500,
             warmup_until: 14_900,
@@ -77,22 +80,6 @@ impl Default for DensifyConfig {
     }
 }
 
-/// How new Gaussians are chosen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum DensifyMode {
-    /// Those with the largest gradients, as many as needed to reach the budget along a straight line.
-    Budget,
-    /// Those above the threshold, as in 3DGS, limited by the budget.
-    Threshold,
-    /// Relocation, as in 3DGS-MCMC: as many as in `budget` mode, and one for each that is removed, copied from Gaussians
-    /// drawn in proportion to their opacity. A Gaussian and its copies share its opacity, so that the image stays the
-    /// same.
-    Relocate,
-    /// None are added.
-    Off,
-}
-
 /// Which opacity decides whether a Gaussian is removed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -107,5 +94,10 @@ impl DensifyConfig {
     /// Maximum number of Gaussians that additions in warm-up lead to.
     pub fn warmup_limit(&self) -> usize {
         if self.warmup_budget == 0 { self.budget } else { self.warmup_budget }
+    }
+
+    /// The larger of the two budgets.
+    pub fn max_budget(&self) -> u128 {
+        self.budget.max(self.warmup_limit()) as u128
     }
 }

@@ -36,7 +36,7 @@ pub struct LossConfig {
     /// Weight of the fading penalty in the joint stage: the mean change of the Gaussians' opacities from their
     /// canonical values, so that the field prefers moving Gaussians to fading them. An addition of this project.
     pub fade: f64,
-    /// Weights of registered loss terms, by name; see `docs/research.md`. 0 omits a term.
+    /// Weights of the loss terms that have no key of their own, by name; see `docs/research.md`. 0 omits a term.
     pub extra: BTreeMap<String, f64>,
 }
 

@@ -16,11 +16,10 @@ pub struct ModelConfig {
     /// Colours as functions of direction (`sh`, as in 3DGS and the paper), or a base colour and a normal under a
     /// headlight (`headlight`).
     pub appearance: Appearance,
-    /// The space-time encoder: `factorised` (the paper's), `hexplane` (planes of space and time instead of its lines),
-    /// `implicit` (the paper's ablation) or `extra` (a registered one).
-    pub encoder: EncoderKind,
-    /// Name of the registered encoder for `encoder = "extra"`, see `docs/research.md`; empty otherwise.
-    pub extra_encoder: String,
+    /// The space-time encoder: `factorised` (the paper's: planes, lines and temporal vectors), `hexplane` (planes of space
+    /// and time instead of its lines), `implicit` (the paper's ablation: a multi-layer perceptron on a positional
+    /// encoding) or a registered one, see `docs/research.md`.
+    pub encoder: String,
     /// Levels of the factorised encoder; level m has `m * resolution` nodes per axis.
     pub levels: usize,
     /// Nodes per axis of the first level.
@@ -77,8 +76,7 @@ impl Default for ModelConfig {
             sh_degree: 3,
             sh_bands: ShBands::All,
             appearance: Appearance::Sh,
-            encoder: EncoderKind::Factorised,
-            extra_encoder: String::new(),
+            encoder: "factorised".into(),
             levels: 2,
             resolution: 64,
             time_knots: 25,
@@ -125,21 +123,6 @@ pub enum Appearance {
     /// Base colour, normal and one material for all, shaded by Blinn-Phong with a light at the eye; harmonics for the
     /// residual.
     Headlight,
-}
-
-/// The space-time encoder.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum EncoderKind {
-    /// Planes, lines and temporal vectors.
-    Factorised,
-    /// Planes of space and planes of space and time, as in HexPlane.
-    #[serde(rename = "hexplane")]
-    HexPlane,
-    /// A multi-layer perceptron on a positional encoding.
-    Implicit,
-    /// The one registered as `model.extra_encoder`.
-    Extra,
 }
 
 /// How the grid is initialised.
