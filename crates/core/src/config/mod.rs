@@ -24,6 +24,13 @@ pub const PRESET_IF_NONE_GIVEN: &str = "best";
 ///
 /// # Errors
 /// [`ConfigError::NotFound`] if there is no such preset.
+///
+/// ```
+/// let mut config = volseggs_core::config::preset("quick")?;
+/// config.densify.budget = 20_000;
+/// assert_eq!(config.method, "volseggs");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn preset(name: &str) -> Result<Config, ConfigError> {
     Ok(Layers::new(PRESETS).source(name).resolve()?.value)
 }

@@ -24,6 +24,13 @@ use thiserror::Error;
 
 /// A synthetic scene: a scalar field over the box `[-1, 1]^3` (z up) and the time `[0, 1]`, with the segment of
 /// every point known.
+///
+/// ```
+/// use volseggs_volume::volume::synthetic::Synthetic;
+/// let (value, segment) = Synthetic::Shells.value_and_label([0.0; 3], 0.5);
+/// let name = Synthetic::Shells.segment_names()[usize::from(segment) - 1];
+/// assert!(value > 0.0 && name == "core");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Synthetic {
     /// Five rising, turbulent plumes that merge near the top.

@@ -32,6 +32,13 @@ const PRESETS: &[(&str, &str)] = &[
 
 /// Maps data values to colours and opacities. Positions are fractions of [`TransferFunction::span`], so that one
 /// function fits any field.
+///
+/// ```
+/// use volseggs_volume::volume::transfer::TransferFunction;
+/// let fire = TransferFunction::load("fire")?;
+/// assert!(fire.opacity_at(0.0) == 0.0 && fire.opacity_at(1.0) > 0.5);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransferFunction {
     /// Name, of `a-z 0-9 - _`.
