@@ -10,6 +10,7 @@ pub(crate) mod path;
 pub(crate) mod reduce;
 pub(crate) mod scan;
 pub(crate) mod sort;
+pub(crate) mod vector;
 
 pub use path::{GpuPaths, gpu_paths, is_gpu};
 
