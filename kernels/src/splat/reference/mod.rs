@@ -163,12 +163,7 @@ fn geometry(scene: &Scene, i: usize, settings: &SplatSettings) -> Geometry {
     let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt();
     let norm = if norm <= 1e-12 { 0.0 } else { norm };
     let quaternion = if norm == 0.0 { [1.0, 0.0, 0.0, 0.0] } else { q.map(|v| v / norm) };
-    let [qw, qx, qy, qz] = quaternion;
-    let rotation = [
-        [1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy - qw * qz), 2.0 * (qx * qz + qw * qy)],
-        [2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz - qw * qx)],
-        [2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)],
-    ];
+    let rotation = rotation_matrix(quaternion);
     let scale: [f64; 3] = std::array::from_fn(|k| scene.log_scales[3 * i + k].exp());
     let sigma = match scene.covariances.get(6 * i..6 * i + 6) {
         Some(&[xx, xy, xz, yy, yz, zz]) => [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]],
@@ -206,6 +201,15 @@ fn geometry(scene: &Scene, i: usize, settings: &SplatSettings) -> Geometry {
         covariance,
         direction: std::array::from_fn(|k| mean[k] - eye[k]),
     }
+}
+
+/// The rotation matrix of a unit quaternion, by rows.
+pub(crate) fn rotation_matrix([w, x, y, z]: [f64; 4]) -> [[f64; 3]; 3] {
+    [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
 }
 
 /// `R S S^T R^T`
