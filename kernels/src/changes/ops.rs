@@ -1,7 +1,7 @@
 //! The split as a differentiable op on tensors for every backend, with its implementation for those in host memory.
 
 use super::{COLUMNS, WIDTHS};
-use crate::backend::{CpuBackend, for_cpu_backends, zeros};
+use crate::backend::{CpuBackend, zeros};
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
@@ -59,71 +59,53 @@ pub fn split_changes(changes: Tensor<2>) -> [Tensor<2>; 4] {
 /// Rows per task.
 const ROWS: usize = 8192;
 
-fn cpu_split<B: CpuBackend>(changes: &FloatTensor<B>) -> ChangeTensors<B> {
-    let (n, device) = (changes.shape()[0], changes.device());
-    let values = B::values(changes);
-    let mut parts = WIDTHS.map(|width| zeros(n * width));
-    let [means, rotations, log_scales, opacity_logits] = &mut parts;
-    let rows = means
-        .par_chunks_mut(3 * ROWS)
-        .zip(rotations.par_chunks_mut(4 * ROWS))
-        .zip(log_scales.par_chunks_mut(3 * ROWS))
-        .zip(opacity_logits.par_chunks_mut(ROWS))
-        .zip(values.par_chunks(COLUMNS * ROWS));
-    rows.for_each(|((((mean, rotation), scale), opacity), values)| {
-        for (i, row) in values.chunks_exact(COLUMNS).enumerate() {
-            mean[3 * i..][..3].copy_from_slice(&row[..3]);
-            rotation[4 * i..][..4].copy_from_slice(&row[3..7]);
-            scale[3 * i..][..3].copy_from_slice(&row[7..10]);
-            opacity[i] = row[10];
-        }
-    });
-    let mut widths = WIDTHS.into_iter();
-    ChangeTensors::from(parts.map(|part| {
-        let width = widths.next().unwrap_or_default();
-        B::tensor(part, [n, width], &device)
-    }))
+impl<B: CpuBackend> ChangesOps for B {
+    fn changes_split(changes: FloatTensor<Self>) -> ChangeTensors<Self> {
+        let (n, device) = (changes.shape()[0], changes.device());
+        let values = B::values(&changes);
+        let mut parts = WIDTHS.map(|width| zeros(n * width));
+        let [means, rotations, log_scales, opacity_logits] = &mut parts;
+        let rows = means
+            .par_chunks_mut(3 * ROWS)
+            .zip(rotations.par_chunks_mut(4 * ROWS))
+            .zip(log_scales.par_chunks_mut(3 * ROWS))
+            .zip(opacity_logits.par_chunks_mut(ROWS))
+            .zip(values.par_chunks(COLUMNS * ROWS));
+        rows.for_each(|((((mean, rotation), scale), opacity), values)| {
+            for (i, row) in values.chunks_exact(COLUMNS).enumerate() {
+                mean[3 * i..][..3].copy_from_slice(&row[..3]);
+                rotation[4 * i..][..4].copy_from_slice(&row[3..7]);
+                scale[3 * i..][..3].copy_from_slice(&row[7..10]);
+                opacity[i] = row[10];
+            }
+        });
+        let mut widths = WIDTHS.into_iter();
+        ChangeTensors::from(parts.map(|part| {
+            let width = widths.next().unwrap_or_default();
+            B::tensor(part, [n, width], &device)
+        }))
+    }
 }
 
-fn cpu_join<B: CpuBackend>(parts: &[Option<FloatTensor<B>>; 4], n: usize, device: &Device<B>) -> FloatTensor<B> {
-    let mut out = zeros(n * COLUMNS);
-    let parts = parts.each_ref().map(|part| part.as_ref().map(B::values));
-    out.par_chunks_mut(COLUMNS * ROWS).enumerate().for_each(|(task, out)| {
-        let mut column = 0;
-        for (part, width) in parts.iter().zip(WIDTHS) {
-            if let Some(part) = part {
-                let part = &part[task * ROWS * width..];
-                for (row, values) in out.chunks_exact_mut(COLUMNS).zip(part.chunks_exact(width)) {
-                    row[column..column + width].copy_from_slice(values);
+impl<B: CpuBackend> ChangesBackwardOps for B {
+    fn changes_join(parts: [Option<FloatTensor<Self>>; 4], n: usize, device: &Device<Self>) -> FloatTensor<Self> {
+        let mut out = zeros(n * COLUMNS);
+        let parts = parts.each_ref().map(|part| part.as_ref().map(B::values));
+        out.par_chunks_mut(COLUMNS * ROWS).enumerate().for_each(|(task, out)| {
+            let mut column = 0;
+            for (part, width) in parts.iter().zip(WIDTHS) {
+                if let Some(part) = part {
+                    let part = &part[task * ROWS * width..];
+                    for (row, values) in out.chunks_exact_mut(COLUMNS).zip(part.chunks_exact(width)) {
+                        row[column..column + width].copy_from_slice(values);
+                    }
                 }
+                column += width;
             }
-            column += width;
-        }
-    });
-    B::tensor(out, [n, COLUMNS], device)
+        });
+        B::tensor(out, [n, COLUMNS], device)
+    }
 }
-
-macro_rules! bind {
-    ($backend:ty) => {
-        impl ChangesOps for $backend {
-            fn changes_split(changes: FloatTensor<Self>) -> ChangeTensors<Self> {
-                cpu_split::<Self>(&changes)
-            }
-        }
-
-        impl ChangesBackwardOps for $backend {
-            fn changes_join(
-                parts: [Option<FloatTensor<Self>>; 4],
-                n: usize,
-                device: &Device<Self>,
-            ) -> FloatTensor<Self> {
-                cpu_join::<Self>(&parts, n, device)
-            }
-        }
-    };
-}
-
-for_cpu_backends!(bind);
 
 /// The GPU implementation, by operations of the backend: four slices forward, one concatenation backward.
 #[cfg(feature = "cube")]

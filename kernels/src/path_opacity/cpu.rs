@@ -34,19 +34,6 @@ pub struct Seen<'a> {
     pub exponent: f32,
 }
 
-/// One array for each input, in the shape of the input.
-#[derive(Clone, Debug)]
-pub struct Gradients {
-    /// `[N, 3]`
-    pub means: Vec<f32>,
-    /// `[N, 4]`
-    pub rotations: Vec<f32>,
-    /// `[N, 3]`
-    pub log_scales: Vec<f32>,
-    /// `[N]`
-    pub logits: Vec<f32>,
-}
-
 /// One Gaussian.
 #[derive(Clone, Copy)]
 struct One {
@@ -205,18 +192,19 @@ fn one_forward(one: &One, seen: &Seen<'_>) -> f32 {
     if log_depth < LARGEST { logit } else { log_depth * f32::INFINITY }
 }
 
-/// Returns the gradients of a loss whose gradient with respect to the result of [`forward`] is `grad` `[N]`. They are 0
-/// where that is, and where the result is not finite.
+/// Returns the gradients of a loss whose gradient with respect to the result of [`forward`] is `grad` `[N]`: those with
+/// respect to means `[N, 3]`, rotations `[N, 4]`, log-scales `[N, 3]` and logits `[N]`. They are 0 where `grad` is, and
+/// where the result is not finite.
 #[must_use]
-pub fn backward(seen: &Seen<'_>, grad: &[f32]) -> Gradients {
+pub fn backward(seen: &Seen<'_>, grad: &[f32]) -> [Vec<f32>; 4] {
     let arch = crate::arch();
     let n = seen.logits.len();
-    let mut out =
-        Gradients { means: zeros(3 * n), rotations: zeros(4 * n), log_scales: zeros(3 * n), logits: zeros(n) };
-    let pieces = (out.means.par_chunks_mut(3 * PIECE))
-        .zip(out.rotations.par_chunks_mut(4 * PIECE))
-        .zip(out.log_scales.par_chunks_mut(3 * PIECE))
-        .zip(out.logits.par_chunks_mut(PIECE));
+    let mut out = [3, 4, 3, 1].map(|width| zeros(width * n));
+    let [means, rotations, log_scales, logits] = &mut out;
+    let pieces = (means.par_chunks_mut(3 * PIECE))
+        .zip(rotations.par_chunks_mut(4 * PIECE))
+        .zip(log_scales.par_chunks_mut(3 * PIECE))
+        .zip(logits.par_chunks_mut(PIECE));
     pieces.enumerate().for_each(|(piece, (((means, rotations), log_scales), logits))| {
         wide(
             arch,
