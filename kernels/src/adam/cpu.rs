@@ -80,11 +80,7 @@ pub fn adam_step(
         .zip(m.par_chunks_mut(task))
         .zip(v.par_chunks_mut(task))
         .for_each(|(((param, grad), m), v)| {
-            wide(
-                crate::arch(),
-                #[inline(always)]
-                || update(param, grad, m, v, &rates, step),
-            );
+            wide!(update(param, grad, m, v, &rates, step));
         });
     Ok(())
 }

@@ -50,11 +50,7 @@ pub fn forward(x: &[f32], bias: &[f32], omega: f32, out: &mut [f32]) {
     let task = rows(bias.len()) * bias.len();
     out.par_chunks_mut(task).zip(x.par_chunks(task)).for_each(|(out, x)| {
         if is_small(x, bias, omega) {
-            wide(
-                crate::arch(),
-                #[inline(always)]
-                || sines(x, bias, omega, out, |v| shifted_sine(v, 0.0)),
-            );
+            wide!(sines(x, bias, omega, out, |v| shifted_sine(v, 0.0)));
         } else {
             sines(x, bias, omega, out, f32::sin);
         }
@@ -91,11 +87,7 @@ pub fn backward(x: &[f32], bias: &[f32], omega: f32, grad: &[f32], grad_x: &mut 
         .map(|((grad_x, x), grad)| {
             let mut sums = vec![0.0; width];
             if is_small(x, bias, omega) {
-                wide(
-                    crate::arch(),
-                    #[inline(always)]
-                    || slopes((x, bias, omega), grad, grad_x, &mut sums, |v| shifted_sine(v, 0.5)),
-                );
+                wide!(slopes((x, bias, omega), grad, grad_x, &mut sums, |v| shifted_sine(v, 0.5)));
             } else {
                 slopes((x, bias, omega), grad, grad_x, &mut sums, f32::cos);
             }

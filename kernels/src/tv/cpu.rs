@@ -3,7 +3,7 @@
 //! so the bits do not depend on the number of threads.
 
 use crate::field::{FieldParams, FieldShape, TensorSpan};
-use pulp::{Simd, WithSimd};
+use crate::splat::cpu::lanes::wide;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -135,7 +135,7 @@ pub fn tv(params: FieldParams<'_>, shape: &FieldShape, kind: TvKind, weights: Tv
             push_tasks(&mut tasks, &spans, shape.channels, terms, data, grad);
         }
     }
-    let losses: Vec<f64> = tasks.into_par_iter().with_max_len(1).map(|task| crate::arch().dispatch(task)).collect();
+    let losses: Vec<f64> = tasks.into_par_iter().with_max_len(1).map(|rows| wide!(rows.run())).collect();
     losses.iter().sum()
 }
 
@@ -173,11 +173,10 @@ struct Rows<'a> {
     grad: &'a mut [f32],
 }
 
-impl WithSimd for Rows<'_> {
-    type Output = f64;
-
+impl Rows<'_> {
+    /// Returns the penalty and adds its gradient.
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> f64 {
+    fn run(self) -> f64 {
         let (data, row, r) = (self.data, self.row, self.channels);
         let height = data.len() / row;
         let mut loss = 0.0;
