@@ -1,7 +1,6 @@
 //! Vectors of three numbers in GPU kernels.
 
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
+use crate::cube::prelude::*;
 
 /// Three numbers.
 #[derive(CubeType)]

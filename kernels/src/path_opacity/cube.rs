@@ -2,14 +2,11 @@
 
 use super::ops::{PathBackwardOps, PathOps, PathTensors};
 use super::{MIN_SQUARE, REACH, SMALL};
+use crate::cube::prelude::*;
 use crate::cube::vector::{Vec3, cross, dot, scaled, vec3_at};
 use crate::cube::{UNITS, arg, cubes, empty_f32, is_finite, rows};
 use crate::march::cube::opacity;
 use crate::turn::NO_ROTATION;
-use burn::backend::tensor::FloatTensor;
-use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
 
 /// A logit above which it is the optical depth.
 const LARGE: f32 = 16.0;

@@ -2,14 +2,10 @@
 
 use super::ops::{TvForward, TvOps};
 use super::{TvKind, TvWeights};
+use crate::cube::prelude::*;
 use crate::cube::reduce::{over_cube, total};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, launched, rows};
 use crate::field::{FieldShape, TensorSpan};
-use burn::backend::tensor::FloatTensor;
-use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
-use burn_cubecl::tensor::CubeTensor;
 
 /// Computes the loss of each cube and the gradient of each element of one tensor `[height, width * R]` in the buffers.
 #[cube(launch)]

@@ -3,11 +3,10 @@
 
 use super::project::View;
 use crate::cube::is_finite;
+use crate::cube::prelude::*;
 use crate::cube::vector::{Vec3, cross, dot, products, scaled, store_vec3, sum_of_three, sum_of_two, vec3_at};
 use crate::splat::MINOR_SLACK;
 use crate::turn::NO_ROTATION;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
 
 /// A covariance on screen, xx, xy, yy, without the dilation.
 #[derive(CubeType)]

@@ -3,10 +3,9 @@
 use super::covariance::on_screen;
 use super::sh::{basis, count};
 use crate::cube::is_finite;
+use crate::cube::prelude::*;
 use crate::cube::vector::{Vec3, dot, scaled, sum_of_two, vec3_at};
 use crate::splat::{ALPHA_MIN, NEAR, SplatSettings};
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
 
 /// Words per projected Gaussian: x, y, qa, qb, qc, ln(opacity), red, green, blue, extent x, extent y, unused.
 ///

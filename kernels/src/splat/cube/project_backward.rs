@@ -4,9 +4,8 @@
 use super::covariance::{backward, no_gradient};
 use super::project::{view, view_direction};
 use super::sh::{basis, basis_derivative, count};
+use crate::cube::prelude::*;
 use crate::cube::vector::{dot, vec3_at};
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
 
 /// Processes one position of the depth order per unit; writes every output of its Gaussian, zeros where nothing was
 /// drawn. For `source`, see [`super::covariance::on_screen`].

@@ -1,9 +1,8 @@
 //! Real spherical harmonics, as in [`crate::sh`], written out as the kernel language requires.
 
+use crate::cube::prelude::*;
 use crate::cube::vector::Vec3;
 use crate::sh::{Bands, C0, C1, C2, C3, C3E, C4};
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
 
 /// Returns the number of coefficients in use.
 pub(super) fn count(degree: u32, even: bool) -> usize {
