@@ -3,7 +3,6 @@
 //! A file is a sequence of TFRecords, each a length and a payload with masked CRC-32C checksums; a payload is a
 //! protobuf `Event`, encoded here by hand as only a few fields are used.
 
-mod crc;
 mod hparams;
 #[cfg(test)]
 mod tests;
@@ -125,10 +124,15 @@ impl EventWriter {
         event.0.extend(&content.0);
         let length = (event.0.len() as u64).to_le_bytes();
         self.out.write_all(&length)?;
-        self.out.write_all(&crc::masked(&length).to_le_bytes())?;
+        self.out.write_all(&masked(&length).to_le_bytes())?;
         self.out.write_all(&event.0)?;
-        self.out.write_all(&crc::masked(&event.0).to_le_bytes())
+        self.out.write_all(&masked(&event.0).to_le_bytes())
     }
+}
+
+/// The CRC-32C of these bytes with the mask that TFRecords put on it.
+fn masked(bytes: &[u8]) -> u32 {
+    crc32c::crc32c(bytes).rotate_right(15).wrapping_add(0xa282_ead8)
 }
 
 /// Seconds since 1970.

@@ -168,6 +168,17 @@ impl DataError {
         }
     }
 
+    /// Makes the error for what the file system reported while `action` was attempted on `path`.
+    pub(super) fn io(path: &Path, action: &'static str, hint: &str) -> impl FnOnce(std::io::Error) -> Self {
+        let (path, hint) = (path.to_owned(), hint.to_owned());
+        move |source| Self::Io { path, action, source, hint }
+    }
+
+    /// The error of an option that does not fit the data at `path`.
+    pub(super) fn option(path: &Path, option: &'static str, problem: impl ToString, hint: impl Into<String>) -> Self {
+        Self::Option { path: path.to_owned(), option, problem: problem.to_string(), hint: hint.into() }
+    }
+
     /// The error of a value in a field of a JSON file, of frame `frame` if it is in one.
     #[must_use]
     pub fn field_error(
