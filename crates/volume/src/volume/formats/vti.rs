@@ -88,12 +88,8 @@ impl VolumeFile for Vti {
     fn read(&self, step: usize, out: &mut Vec<f32>) -> Result<(), VolumeError> {
         out.clear();
         if step != 0 {
-            return Err(VolumeError::invalid(
-                &self.path,
-                "step",
-                format!("no step {step}"),
-                "the file has step 0 only",
-            ));
+            let problem = format!("no step {step}");
+            return Err(VolumeError::invalid(&self.path, "step", problem, "the file has step 0 only"));
         }
         let (file, _) = common::open_file(&self.path)?;
         common::reserve(&self.path, out, self.layout.count)?;
@@ -180,6 +176,7 @@ fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Re
         notes.push("the piece covers part of WholeExtent: only that part is read".to_owned());
     }
     let steps = [0, 1, 2].map(|a| [0, 1, 2].map(|row| d[3 * row + a] * spacings[a]));
+    let bad = |field: &str, problem: String, hint: &str| Err(VolumeError::invalid(path, field, problem, hint));
     let mut dims = [1; 3];
     // voxels from the image's origin to the first value
     let mut first = [0.0; 3];
@@ -187,21 +184,13 @@ fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Re
         let (lo, hi) = (i64::from(extent[2 * a]), i64::from(extent[2 * a + 1]));
         let points = usize::try_from(hi - lo + 1).unwrap_or(0);
         if points == 0 {
-            return Err(VolumeError::invalid(
-                path,
-                "Extent",
-                format!("axis {a} runs from {lo} to {hi}: no voxels"),
-                "write each axis as first and last index",
-            ));
+            let problem = format!("axis {a} runs from {lo} to {hi}: no voxels");
+            return bad("Extent", problem, "write each axis as first and last index");
         }
         let spacing = spacings[a];
         if !(spacing.is_finite() && spacing > 0.0 && origin[a].is_finite()) {
-            return Err(VolumeError::invalid(
-                path,
-                "Spacing",
-                format!("axis {a}: spacing {spacing}, origin {}", origin[a]),
-                "spacings must be finite and positive, origins finite",
-            ));
+            let problem = format!("axis {a}: spacing {spacing}, origin {}", origin[a]);
+            return bad("Spacing", problem, "spacings must be finite and positive, origins finite");
         }
         (dims[a], first[a]) = (points, lo as f64);
         if cells && points > 1 {

@@ -81,12 +81,8 @@ impl Data {
         for file in &self.files {
             if !file.is_file() {
                 let problem = format!("{} does not exist", file.display());
-                return Err(VolumeError::invalid(
-                    header,
-                    "data file",
-                    problem,
-                    "names are relative to the header's folder",
-                ));
+                let hint = "names are relative to the header's folder";
+                return Err(VolumeError::invalid(header, "data file", problem, hint));
             }
             let len = common::open_file(file)?.1.saturating_sub(self.base);
             let needed = self.bytes().saturating_add(self.byte_skip.unwrap_or(0));
