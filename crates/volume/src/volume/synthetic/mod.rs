@@ -124,19 +124,6 @@ impl Synthetic {
     /// Every scene.
     pub const ALL: [Self; 6] = [Self::Jets, Self::Vortices, Self::Shells, Self::Layers, Self::Beads, Self::Filaments];
 
-    /// A one-line description.
-    #[must_use]
-    pub fn about(self) -> &'static str {
-        match self {
-            Self::Jets => "five turbulent plumes rise, mushroom and merge near the top",
-            Self::Vortices => "vortex tubes split, join, vanish and appear inside two translucent shells",
-            Self::Shells => "nested deforming layers hide a core and a small orbiting seed",
-            Self::Layers => "a translucent shell, a body and a core, each of a different shape, deform and move",
-            Self::Beads => "beads of one colour touch, merge, part and split",
-            Self::Filaments => "thin curved filaments in two colours turn, sway and bend",
-        }
-    }
-
     /// Names of the segments; label `k + 1` has name `k`, label 0 is no segment.
     #[must_use]
     pub fn segment_names(self) -> &'static [&'static str] {

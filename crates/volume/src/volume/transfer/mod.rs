@@ -61,7 +61,8 @@ pub struct TransferFunction {
 }
 
 /// Blinn-Phong shading with the gradient of the field as the normal.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Shading {
     /// If false, the colour is used as it is.
     pub enabled: bool,
