@@ -1,7 +1,7 @@
 //! Errors as shown on the terminal.
 
 use crate::data::DataError;
-use crate::files::{LockError, ReplaceError};
+use crate::files::{LockError, ReplaceError, WriteError};
 use crate::log::jsonl::JsonlError;
 use crate::run::RunError;
 use crate::train::TrainError;
@@ -80,6 +80,12 @@ impl From<RunError> for CliError {
 
 impl From<ReplaceError> for CliError {
     fn from(error: ReplaceError) -> Self {
+        if error.is_input() { Self::input(error) } else { Self::failure(error) }
+    }
+}
+
+impl From<WriteError> for CliError {
+    fn from(error: WriteError) -> Self {
         if error.is_input() { Self::input(error) } else { Self::failure(error) }
     }
 }
