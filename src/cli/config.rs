@@ -56,9 +56,7 @@ impl ConfigSource {
             _ => Ok(resolved),
         }
     }
-}
 
-impl ConfigSource {
     /// Resolves the configuration of a resumed run: `--config` if given, or else the run's own file, then variables and
     /// `--set`.
     pub(super) fn resolve_over(&self, run_config: &Path) -> Result<Resolved<Config>, CliError> {

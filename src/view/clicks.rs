@@ -36,7 +36,7 @@ impl Clicks {
     }
 
     fn begin(space: &Workspace, time: f64) -> Clicking {
-        Clicking::new(&space.run, space.segments().now(), space.field(), time, &space.device)
+        Clicking::new(&space.run, space.segments().now(), space.field(), time)
     }
 
     /// Begins to prepare the scene at `time`, unless that was done, or an earlier one is still being prepared.
@@ -46,11 +46,10 @@ impl Clicks {
             return;
         }
         let (run, segments, field) = (space.run.share(), space.segments().now().clone(), space.field().cloned());
-        let device = space.device.clone();
         // what the field says about the Gaussians is the same at all times
         let before = now.take().filter(|c| c.revision == space.revision()).and_then(Self::into_ready);
         let thread = std::thread::Builder::new().name("clicks".into()).spawn(move || {
-            let clicking = Clicking::new(&run, &segments, field.as_ref(), time, &device);
+            let clicking = Clicking::new(&run, &segments, field.as_ref(), time);
             let clicking = match before {
                 Some(before) => clicking.recalling(before),
                 None => clicking,

@@ -23,8 +23,8 @@ pub fn stamps(run: &OpenRun) -> Stamps {
 
 /// Opens the affinity field of `run`. One that cannot be used counts as missing: the viewer then says how to make one.
 #[must_use]
-pub fn field(run: &OpenRun, device: &Device) -> Option<(AffinityField, AffinitySpec)> {
-    affinity::open(run, device).ok()
+pub fn field(run: &OpenRun) -> Option<(AffinityField, AffinitySpec)> {
+    affinity::open(run).ok()
 }
 
 /// A run with all that is shown of it.
@@ -55,8 +55,16 @@ impl Read {
         let run = OpenRun::open(path, device)?.with_dataset(data)?;
         let seen = stamps(&run);
         let ((segments, fault), edits) = (RunSegments::replacing(&run), run.edits()?);
-        let (fault, field, around) = (fault.map(|e| e.to_string()), field(&run, device), run.record.surroundings);
+        let (fault, field, around) = (fault.map(|e| e.to_string()), field(&run), run.record.surroundings);
         Ok(Self { run, around, seen, segments, fault, edits, field })
+    }
+
+    /// Returns a run without anything that its files hold.
+    #[must_use]
+    pub fn scene_alone(run: OpenRun) -> Self {
+        let (around, segments) = (run.record.surroundings, RunSegments::none(&run));
+        let (seen, edits) = (Stamps::default(), EditStack::default());
+        Self { run, around, seen, segments, fault: None, edits, field: None }
     }
 }
 
@@ -69,8 +77,8 @@ impl Newer {
     ///
     /// # Errors
     /// If the system gives no thread.
-    pub fn begin(&mut self, run: &OpenRun, device: &Device) -> Result<(), RunError> {
-        let (path, data, device) = (run.path.clone(), run.given_dataset().map(Path::to_owned), device.clone());
+    pub fn begin(&mut self, run: &OpenRun) -> Result<(), RunError> {
+        let (path, data, device) = (run.path.clone(), run.given_dataset().map(Path::to_owned), run.device());
         let read = move || Read::new(&path, data.as_deref(), &device);
         let thread = std::thread::Builder::new().name("checkpoint".into()).spawn(read);
         self.0 =

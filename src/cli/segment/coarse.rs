@@ -5,10 +5,9 @@ use super::super::data::DataArgs;
 use super::super::settings::{SegmentSettings, put};
 use super::super::time::TimeArg;
 use super::super::values::{count, fraction_f32, positive_f32};
-use super::super::{CliError, Common, command_line, print_json};
+use super::super::{CliError, Common, print_json};
 use crate::config::types::segment::{ColourConfig, ColourSpace};
 use crate::files::Work;
-use crate::run::OpenRun;
 use crate::run::segments::{RunSegments, SHOWN, sheet, write_picture};
 use crate::segment::coarse::Coarse;
 use crate::segment::segmentation::Segmentation;
@@ -83,8 +82,7 @@ struct Report<'a> {
 impl CoarseArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         self.check(self.space.unwrap_or(ColourSpace::Material))?;
-        let (_, device) = self.common.device()?;
-        let run = self.data.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?)?;
+        let run = self.data.of(self.common.open_to_write(&self.run, Work::Short)?)?;
         let run = self.settings.of(run)?;
         let mut config = run.config.segment.clone();
         self.set(&mut config.colour);
@@ -120,7 +118,7 @@ impl CoarseArgs {
         segments.save()?;
         let all = segments.now();
         let path = run.paths().segment_sheet("coarse");
-        write_picture(&path, &sheet(&run, &around, &at, &all.segments, &device))?;
+        write_picture(&path, &sheet(&run, &around, &at, &all.segments))?;
         let (outliers, transparent, not_finite) = (found.outliers, found.transparent, found.not_finite);
         let in_segments = n - outliers - transparent - not_finite;
         if self.common.json {

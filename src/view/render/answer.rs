@@ -53,8 +53,7 @@ impl Renderer {
                 let started = Instant::now();
                 let view = client.still().map_err(wrong)?;
                 let (size, time) = (view.size, view.time);
-                let (run, device) = (&self.space.run, &self.space.device);
-                let bytes = SavedView::picture(run, view, PICTURE_FILE, device).map_err(wrong)?;
+                let bytes = SavedView::picture(&self.space.run, view, PICTURE_FILE).map_err(wrong)?;
                 let (codec, revision) = (Codec::Png, self.space.revision());
                 let (render_ms, encode_ms) = (1e3 * started.elapsed().as_secs_f32(), 0.0);
                 let kind = FrameKind::Still;
@@ -114,7 +113,7 @@ impl Renderer {
                     Ok(run) => run,
                     Err(error) => return self.ended(id, number, Err(error)),
                 };
-                self.jobs.start(run, &self.space.device, task).map_err(|e| (Some(number), e))?;
+                self.jobs.start(run, task).map_err(|e| (Some(number), e))?;
                 client.answer(Answer::Done { id: number });
             }
             Request::Track { id: number, segments, times } => {

@@ -4,7 +4,7 @@
 mod answer;
 mod draw;
 
-use super::background::BackgroundChanges;
+use super::background::{BackgroundChanges, INTERNAL_ERROR};
 use super::cache::Cache;
 use super::client::Client;
 use super::compare::Side;
@@ -65,29 +65,24 @@ impl Renderer {
     /// they compare. Deformed Gaussians are cached, up to `cache` bytes for all together.
     #[must_use]
     pub fn new(space: Workspace, others: Vec<Other>, cache: usize, hub: Arc<Hub>) -> Self {
-        let (jobs, tracks, background) =
-            (Jobs::new(hub.clone()), Tracks::new(hub.clone()), BackgroundChanges::new(hub.clone()));
-        let (watch, announced) = (Watch::default(), (space.run.step(), space.field().is_some()));
-        // without a thread of its own, drawing is not limited
-        let share = space.live().and_then(|_| Share::new().ok()).map(Arc::new);
-        let (cache, clients, now) = (Cache::new(cache), BTreeMap::new(), Instant::now());
-        let (last, rests, changed, looked) = (0, now, now, now);
+        let now = Instant::now();
         Self {
-            space,
             others,
-            cache,
-            clients,
-            last,
-            jobs,
-            tracks,
-            background,
-            watch,
-            announced,
+            cache: Cache::new(cache),
+            clients: BTreeMap::new(),
+            last: 0,
+            jobs: Jobs::new(hub.clone()),
+            tracks: Tracks::new(hub.clone()),
+            background: BackgroundChanges::new(hub.clone()),
+            watch: Watch::default(),
+            announced: (space.run.step(), space.field().is_some()),
             hub,
-            share,
-            rests,
-            changed,
-            looked,
+            // without a thread of its own, drawing is not limited
+            share: space.live().and_then(|_| Share::new().ok()).map(Arc::new),
+            rests: now,
+            changed: now,
+            looked: now,
+            space,
         }
     }
 
@@ -186,9 +181,8 @@ impl Renderer {
             Event::Message(request) => {
                 // the other clients go on, whatever goes wrong here
                 let answered = catch_unwind(AssertUnwindSafe(|| self.answer(id, *request)));
-                let wrong = answered
-                    .unwrap_or_else(|_| Err((None, "an internal error stopped this; the viewer continues".into())));
-                if let (Err((number, message)), Some(client)) = (wrong, self.clients.get_mut(&id)) {
+                let answered = answered.unwrap_or_else(|_| Err((None, INTERNAL_ERROR.to_owned())));
+                if let (Err((number, message)), Some(client)) = (answered, self.clients.get_mut(&id)) {
                     client.answer(Answer::Error { id: number, message });
                 }
             }

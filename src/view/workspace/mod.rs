@@ -28,8 +28,6 @@ pub struct Workspace {
     pub run: OpenRun,
     /// Where the cameras of its dataset are.
     pub around: Surroundings,
-    /// Its device.
-    pub device: Device,
     /// Whether newer checkpoints replace it: the run was opened, not one of its checkpoints.
     follows: bool,
     /// The newest checkpoint that was seen.
@@ -61,15 +59,19 @@ impl Workspace {
     /// # Errors
     /// If the run or a file of it cannot be used.
     pub fn open(path: &Path, data: Option<&Path>, device: &Device, read_only: bool) -> Result<Self, RunError> {
-        let Read { run, around, seen, segments, fault, edits, field } = Read::new(path, data, device)?;
-        let (device, follows) = (device.clone(), checkpoint::locate(path).0 == path);
-        let newest = run.scene_path.parent().map(Path::to_owned);
-        Ok(Self {
+        let read = Read::new(path, data, device)?;
+        let newest = read.run.scene_path.parent().map(Path::to_owned);
+        let follows = checkpoint::locate(path).0 == path;
+        Ok(Self { newest, follows, ..Self::showing(read, read_only) })
+    }
+
+    fn showing(read: Read, read_only: bool) -> Self {
+        let Read { run, around, seen, segments, fault, edits, field } = read;
+        Self {
             run,
             around,
-            device,
-            follows,
-            newest,
+            follows: false,
+            newest: None,
             newer: Newer::default(),
             segments,
             fault,
@@ -82,40 +84,15 @@ impl Workspace {
             seen,
             read_only,
             live: None,
-        })
+        }
     }
 
     /// Makes the workspace of a run that this process trains. It shows the scenes that the trainer leaves; there are no
     /// segments and edits, whatever files say, as those would belong to another state of the scene.
-    ///
-    /// # Errors
-    /// If its record lacks the cameras of its dataset, which cannot be read.
-    pub fn in_training(run: OpenRun, live: Arc<Live>, device: &Device, read_only: bool) -> Result<Self, RunError> {
-        let (segments, edits, order) = (RunSegments::none(&run), EditStack::default(), Order::default());
-        let (device, seen) = (device.clone(), Stamps::default());
-        let (follows, newest, fault, field, revision) = (false, None, None, None, 1);
-        let (newer, renamed, around) = (Newer::default(), Vec::new(), run.record.surroundings);
+    #[must_use]
+    pub fn in_training(run: OpenRun, live: Arc<Live>, read_only: bool) -> Self {
         live.shows(run.step().unwrap_or_default(), run.scene.gaussians.count());
-        let live = Some(live);
-        Ok(Self {
-            run,
-            around,
-            device,
-            follows,
-            newest,
-            newer,
-            segments,
-            fault,
-            damage: None,
-            edits,
-            field,
-            revision,
-            renamed,
-            order,
-            seen,
-            read_only,
-            live,
-        })
+        Self { live: Some(live), ..Self::showing(Read::scene_alone(run), read_only) }
     }
 
     /// Returns a number that grows with every change of the scene, segments or edits.
@@ -192,7 +169,7 @@ impl Workspace {
     pub fn refresh(&mut self) -> Result<bool, RunError> {
         if let Some(live) = &self.live {
             let Some(copy) = live.take() else { return Ok(false) };
-            let (scene, step) = copy.open(&self.device).map_err(RunError::failure)?;
+            let (scene, step) = copy.open(&self.run.device()).map_err(RunError::failure)?;
             live.shows(step, scene.gaussians.count());
             self.run.advance(scene, step);
             self.revision += 1;
@@ -205,7 +182,7 @@ impl Workspace {
         if let Some(newest) = self.unread() {
             // one that cannot be read is reported once
             self.newest = Some(newest);
-            self.newer.begin(&self.run, &self.device)?;
+            self.newer.begin(&self.run)?;
         }
         if self.newer.is_under_way() {
             // what the files hold may belong to that state of the scene
@@ -226,7 +203,7 @@ impl Workspace {
         (self.segments, self.edits) = (segments, edits);
         self.note(steps, before);
         self.fault = None;
-        self.field = field(&self.run, &self.device);
+        self.field = field(&self.run);
         self.revision += 1;
         Ok(true)
     }
