@@ -1,21 +1,10 @@
 //! What `volseggs view` and `volseggs train --view` share: the messages about where the viewer listens.
 
-use super::CliError;
 #[cfg(unix)]
 use crate::shell;
-use crate::view::listen::{Serving, ViewError};
+use crate::view::listen::Serving;
 #[cfg(unix)]
 use crate::view::local;
-
-impl From<ViewError> for CliError {
-    fn from(error: ViewError) -> Self {
-        match error {
-            ViewError::Run(error) => error.into(),
-            ViewError::Address { .. } | ViewError::Socket { .. } => Self::input(error),
-            ViewError::System(_) => Self::failure(error),
-        }
-    }
-}
 
 /// Prints what a user has to know besides the address.
 pub(super) fn explain(serving: &Serving, end: &str) {

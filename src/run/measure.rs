@@ -8,6 +8,7 @@ use crate::eval::run::{Costs, Evaluation, Sample, evaluate};
 use crate::files::{FolderKind, WriteError};
 use crate::metrics::lpips::Lpips;
 use crate::train::{open_trained, trained_times};
+use crate::user_error::UserError;
 use std::path::{Path, PathBuf};
 
 /// Maximum number of training views measured in addition to those of another split.

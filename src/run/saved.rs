@@ -203,6 +203,7 @@ fn text_of_png(mut file: impl Read) -> io::Result<Option<String>> {
 mod tests {
     use super::super::view::tests::view;
     use super::*;
+    use crate::user_error::UserError;
     use image::RgbImage;
 
     fn saved() -> SavedView {

@@ -9,6 +9,7 @@ use super::render::Renderer;
 use super::server::{Shared, router};
 use super::workspace::Workspace;
 use crate::memory::Bytes;
+use crate::user_error::UserError;
 use axum::Router;
 use clap::Args;
 use hyper::server::conn::http1;
@@ -94,6 +95,16 @@ pub enum ViewError {
     /// The system failed, such as to give random numbers or threads.
     #[error("the viewer cannot start: {0}")]
     System(std::io::Error),
+}
+
+impl UserError for ViewError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Run(error) => error.is_input(),
+            Self::Address { .. } | Self::Socket { .. } => true,
+            Self::System(_) => false,
+        }
+    }
 }
 
 /// Port of the user's own machine that is forwarded to a socket file, if no other is requested.

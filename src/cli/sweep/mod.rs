@@ -7,7 +7,7 @@ mod worker;
 
 use super::CliError;
 use crate::shell;
-use crate::sweep::{Plan, SweepError, file::name_of, plan::FOLDER, slurm::SlurmError};
+use crate::sweep::{Plan, file::name_of, plan::FOLDER};
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
 
@@ -75,22 +75,4 @@ impl Planned {
 /// The folder of the sweep defined by `file`.
 fn folder(out: &Path, file: &Path) -> PathBuf {
     out.join(name_of(file))
-}
-
-impl From<SweepError> for CliError {
-    fn from(error: SweepError) -> Self {
-        match error {
-            SweepError::File { .. } | SweepError::Key { .. } | SweepError::Choice(_) => Self::input(error),
-            SweepError::Io { .. } | SweepError::Interrupted => Self::failure(error),
-        }
-    }
-}
-
-impl From<SlurmError> for CliError {
-    fn from(error: SlurmError) -> Self {
-        match error {
-            SlurmError::Refused { .. } | SlurmError::Answer { .. } | SlurmError::Start { .. } => Self::failure(error),
-            _ => Self::input(error),
-        }
-    }
 }

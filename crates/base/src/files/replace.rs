@@ -3,6 +3,7 @@
 //! Every replacement goes through here. A folder is recognised by its [`FolderKind`]: a marker in it, and no file that
 //! the program does not put there. A file is recognised by [`MARK`] among its first bytes, or as its last.
 
+use crate::user_error::UserError;
 use std::fmt::Display;
 use std::fs;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -63,10 +64,9 @@ pub enum ReplaceError {
     },
 }
 
-impl ReplaceError {
+impl UserError for ReplaceError {
     /// Whether the user can fix it with another name.
-    #[must_use]
-    pub fn is_input(&self) -> bool {
+    fn is_input(&self) -> bool {
         !matches!(self, Self::Io { .. })
     }
 }
@@ -87,13 +87,14 @@ pub enum WriteError {
     },
 }
 
-impl WriteError {
+impl UserError for WriteError {
     /// Whether the user can fix it by making room.
-    #[must_use]
-    pub fn is_input(&self) -> bool {
+    fn is_input(&self) -> bool {
         matches!(self, Self::Replace(error) if error.is_input())
     }
+}
 
+impl WriteError {
     /// Returns a conversion to the error of a file.
     pub fn at<E: Display>(path: &Path) -> impl Fn(E) -> Self {
         move |e| Self::File { path: path.to_owned(), reason: e.to_string() }
