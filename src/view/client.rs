@@ -153,7 +153,7 @@ impl Client {
         let found = &mut self.looks[side.index()];
         if found.as_ref().is_none_or(|(k, _)| *k != key) {
             let view = usable(space, view);
-            let look = if run.is_some() { view.look_of_another(&space.run) } else { view.look(&space.run) };
+            let look = if run.is_some() { view.look_of_another(&space.shown.run) } else { view.look(&space.shown.run) };
             *found = Some((key.clone(), look?));
         }
         match found {
@@ -162,7 +162,7 @@ impl Client {
                 let preview = self.preview.as_ref().filter(|_| side == Side::Picture);
                 let preview = Preview::edits_on(preview, space.revision());
                 let key = if preview.is_empty() { key } else { format!("{key} {preview:?}") };
-                look.preview(&space.run, preview)?;
+                look.preview(&space.shown.run, preview)?;
                 Ok((look, key))
             }
             None => Err(RunError::failure("there is no look to draw")),
@@ -250,10 +250,10 @@ impl Client {
     /// If nothing is there.
     pub fn point(&self, space: &Workspace, pixel: [u32; 2]) -> Result<[f64; 3], ClickError> {
         let view = self.view.as_ref().ok_or_else(|| RunError::input("nothing is shown yet"))?;
-        let look = usable(space, view).look(&space.run)?;
-        let at = look.selection().at(&space.run.scene, view.time as f32)?;
-        let click = &space.run.config.segment.click;
-        place((&at, space.run.scene.spec.rendering()), &view.camera(1.0), pixel, click, view.time, &space.run.device())
+        let run = &space.shown.run;
+        let at = usable(space, view).look(run)?.selection().at(&run.scene, view.time as f32)?;
+        let click = &run.config.segment.click;
+        place((&at, run.scene.spec.rendering()), &view.camera(1.0), pixel, click, view.time, &run.device())
     }
 
     /// Repeats the last click, with another meaning.

@@ -1,7 +1,6 @@
 //! Reads a run from its folder, and a newer checkpoint beside the drawing thread, so that frames go on meanwhile.
 
 use super::training::{Stamp, stamp};
-use crate::data::Surroundings;
 use crate::edit::EditStack;
 use crate::run::segments::RunSegments;
 use crate::run::{OpenRun, RunError, affinity};
@@ -32,13 +31,11 @@ pub fn field(run: &OpenRun) -> Option<(AffinityField, AffinitySpec)> {
 pub struct Read {
     /// The run.
     pub run: OpenRun,
-    /// Where the cameras of its dataset are.
-    pub around: Surroundings,
     /// The stamps of its files before they were read.
     pub seen: Stamps,
     /// Its segments; none if those on disk belong to another state of its scene.
     pub segments: RunSegments,
-    /// Why those on disk cannot be used, if so.
+    /// Why those on disk cannot be used, if so; nothing can be changed then.
     pub fault: Option<String>,
     /// Its edits.
     pub edits: EditStack,
@@ -55,16 +52,15 @@ impl Read {
         let run = OpenRun::open(path, device)?.with_dataset(data)?;
         let seen = stamps(&run);
         let ((segments, fault), edits) = (RunSegments::replacing(&run), run.edits()?);
-        let (fault, field, around) = (fault.map(|e| e.to_string()), field(&run), run.record.surroundings);
-        Ok(Self { run, around, seen, segments, fault, edits, field })
+        let (fault, field) = (fault.map(|e| e.to_string()), field(&run));
+        Ok(Self { run, seen, segments, fault, edits, field })
     }
 
     /// Returns a run without anything that its files hold.
     #[must_use]
     pub fn scene_alone(run: OpenRun) -> Self {
-        let (around, segments) = (run.record.surroundings, RunSegments::none(&run));
-        let (seen, edits) = (Stamps::default(), EditStack::default());
-        Self { run, around, seen, segments, fault: None, edits, field: None }
+        let (seen, segments, edits) = (Stamps::default(), RunSegments::none(&run), EditStack::default());
+        Self { run, seen, segments, fault: None, edits, field: None }
     }
 }
 

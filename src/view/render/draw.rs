@@ -74,7 +74,7 @@ impl Renderer {
         let sent = match (compare, compare.other(view, client.range())) {
             (_, Some(other)) => self.frame(id, &other, next, compare.side())?,
             (Compare::Image { view: number }, None) if client.image != Some(number) => {
-                let image = self.space.run.test_image(number)?;
+                let image = self.space.shown.run.test_image(number)?;
                 client.image = Some(number);
                 let info = self.info(FrameKind::Image, number as u32, view.time, 0.0);
                 Picture::new(info, image, None)
@@ -105,7 +105,7 @@ impl Renderer {
         let kind = if side == Side::Picture { FrameKind::Picture } else { FrameKind::Other };
         let dragged = client.preview.is_some() && side == Side::Picture;
         let (look, key) = client.look(space, view, side)?;
-        let scene = &space.run.scene;
+        let scene = &space.shown.run.scene;
         // colours depend on the scale too, which a look's first frame sets
         let whole = |look: &Look| look.settled().map(|scale| format!("{} {key} {scale}", view.time));
         let known = whole(look).and_then(|key| self.cache.get(&key));

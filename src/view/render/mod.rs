@@ -75,7 +75,7 @@ impl Renderer {
             tracks: Tracks::new(hub.clone()),
             background: BackgroundChanges::new(hub.clone()),
             watch: Watch::default(),
-            announced: (space.run.step(), space.field().is_some()),
+            announced: (space.shown.run.step(), space.shown.field.is_some()),
             hub,
             // without a thread of its own, drawing is not limited
             share: space.live().and_then(|_| Share::new().ok()).map(Arc::new),
@@ -149,7 +149,7 @@ impl Renderer {
         }
         let mut message = "The viewer was closed.".to_owned();
         if let Some(ended) = self.space.live().and_then(|live| live.ended()) {
-            message = format!("{ended} `volseggs view {}` shows the run.", shell::path(&self.space.run.path));
+            message = format!("{ended} `volseggs view {}` shows the run.", shell::path(&self.space.shown.run.path));
             self.look_at_files();
             self.tell_of_training(true);
             let views: Vec<_> = self.clients.iter().filter_map(|(id, c)| Some((*id, c.view.clone()?))).collect();
@@ -190,8 +190,8 @@ impl Renderer {
     }
 
     fn welcome(&self) -> Answer {
-        let run = &self.space.run;
-        let around = &self.space.around;
+        let run = &self.space.shown.run;
+        let around = &run.record.surroundings;
         Answer::Welcome {
             version: env!("CARGO_PKG_VERSION"),
             run: run.path.display().to_string(),
@@ -203,19 +203,19 @@ impl Renderer {
             fov: around.lens.fov_x,
             size: [around.lens.width, around.lens.height],
             others: self.others.iter().map(|other| other.describe(run)).collect(),
-            clicks: self.space.field().is_some(),
+            clicks: self.space.shown.field.is_some(),
             read_only: self.space.read_only(),
             in_training: self.space.live().is_some(),
             can_pause: self.space.can_pause().is_ok(),
             calibration: Box::new(run.calibration().clone()),
             units: Box::new(run.calibration().into()),
-            note: self.space.fault().map(str::to_owned),
+            note: self.space.shown.fault.clone(),
         }
     }
 
     fn tell_document(&mut self) {
         self.cache.clear();
-        let now = (self.space.run.step(), self.space.field().is_some());
+        let now = (self.space.shown.run.step(), self.space.shown.field.is_some());
         if now != self.announced {
             let newer = now.0 != self.announced.0;
             self.announced = now;
@@ -240,12 +240,12 @@ impl Renderer {
             Err(error) => self.tell_all(&Answer::Error { id: None, message: error.to_string() }),
         }
         for k in 0..self.others.len() {
-            let step = self.others[k].space.run.step();
+            let step = self.others[k].space.shown.run.step();
             match self.others[k].space.refresh() {
                 Ok(false) => {}
                 Ok(true) => {
                     self.cache.clear();
-                    let newer = self.others[k].space.run.step() != step;
+                    let newer = self.others[k].space.shown.run.step() != step;
                     if newer {
                         self.tell_all(&self.welcome());
                     }
@@ -264,14 +264,14 @@ impl Renderer {
     fn show_newer(&mut self) {
         self.changed = Instant::now();
         self.cache.clear();
-        self.announced.0 = self.space.run.step();
+        self.announced.0 = self.space.shown.run.step();
         self.clients.values_mut().for_each(Client::clear);
     }
 
     /// Reports the progress of the run's training, at once if that is `urgent`.
     fn tell_of_training(&mut self, urgent: bool) {
         let live = self.space.live().map(|live| live.progress());
-        if let Some(training) = self.watch.check(&self.space.run, live, urgent) {
+        if let Some(training) = self.watch.check(&self.space.shown.run, live, urgent) {
             let news = Answer::Training(Box::new(training.clone()));
             self.tell_all(&news);
         }
