@@ -17,6 +17,7 @@ use crate::run::frames::{Background, Draw, Frames, Record, check_name, film, is_
 use crate::run::look::{Legend, Look};
 use crate::run::numbers::{self, NumberFormat};
 use crate::run::{AnyRun, OpenRun, Trained};
+use crate::user_error::UserError;
 use clap::{Args, ValueEnum};
 use look::LookArgs;
 use serde::Serialize;

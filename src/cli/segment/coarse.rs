@@ -2,6 +2,7 @@
 
 use super::super::camera::surroundings;
 use super::super::data::DataArgs;
+use super::super::error::refuse;
 use super::super::settings::{SegmentSettings, put};
 use super::super::time::TimeArg;
 use super::super::values::{count, fraction_f32, positive_f32};
@@ -135,12 +136,9 @@ impl CoarseArgs {
 
     /// Refuses what would have no effect in a space of colours.
     fn check(&self, space: ColourSpace) -> Result<(), CliError> {
-        match self.keep_surface_layers && space != ColourSpace::Material {
-            false => Ok(()),
-            true => Err(CliError::input(
-                "--keep-surface-layers: only --space material joins surface layers to bodies; omit one of the two",
-            )),
-        }
+        let idle = self.keep_surface_layers && space != ColourSpace::Material;
+        let why = "only --space material joins surface layers to bodies; omit one of the two";
+        refuse(&[("--keep-surface-layers", idle)], why)
     }
 
     /// Sets the keys of options that were given.

@@ -2,6 +2,7 @@
 
 use super::super::camera::{ViewArgs, surroundings};
 use super::super::data::DataArgs;
+use super::super::error::refuse;
 use super::super::settings::SegmentSettings;
 use super::super::time::TimeArg;
 use super::super::values::{cosine_f32, count, fraction_f32};
@@ -154,22 +155,14 @@ impl PickArgs {
             return Ok(());
         }
         let meaning = [
-            ("--level", self.level.is_some()),
-            ("--scale", self.scale.is_some()),
-            ("--threshold", self.threshold.is_some()),
+            ("--level", self.level.is_some() && !self.levels),
+            ("--scale", self.scale.is_some() && !self.levels),
+            ("--threshold", self.threshold.is_some() && !self.levels),
         ];
-        if let Some((flag, _)) = meaning.into_iter().find(|(_, given)| *given && !self.levels) {
-            return Err(CliError::input(format!(
-                "{flag}: selects what a new segment contains; add --name NAME, or list the levels with --levels"
-            )));
-        }
+        refuse(&meaning, "selects what a new segment contains; add --name NAME, or list the levels with --levels")?;
         // levels are listed with their strays
-        if self.keep_strays {
-            return Err(CliError::input(
-                "--keep-strays: affects what a new segment contains; name it with --name NAME",
-            ));
-        }
-        Ok(())
+        let strays = [("--keep-strays", self.keep_strays)];
+        refuse(&strays, "affects what a new segment contains; name it with --name NAME")
     }
 
     pub(super) fn run(self) -> Result<(), CliError> {
