@@ -12,7 +12,9 @@ use volseggs::segment::pick::{Meaning, PickOptions};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let [run, view, x, y, name] = &arguments[..] else { return Err("usage: segment_by_click RUN VIEW X Y NAME".into()) };
+    let [run, view, x, y, name] = &arguments[..] else {
+        return Err("usage: segment_by_click RUN VIEW X Y NAME".into());
+    };
     let device = DeviceName::all()[0].open()?;
     let run = OpenRun::open_to_write(Path::new(run), &device, "segment_by_click", Work::Short)?;
     let mut segments = RunSegments::open(&run)?;

@@ -6,7 +6,7 @@ use super::values::count;
 use super::{CliError, Common, command_line, print_json};
 use crate::data::SplitName;
 use crate::eval::diagnosis;
-use crate::eval::results::{KIND, WriteError};
+use crate::eval::results::KIND;
 use crate::eval::run::Summary;
 use crate::eval::speed::Speed;
 use crate::files::{FolderKind, Work};
@@ -14,7 +14,7 @@ use crate::log::progress;
 use crate::memory::MIB;
 use crate::metrics::lpips::{Lpips, LpipsNet};
 use crate::run::measure::{MeasuredOn, measure};
-use crate::run::{AnyRun, OpenRun, RunError, Trained};
+use crate::run::{AnyRun, OpenRun, Trained};
 use crate::versioned::Versioned;
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -185,10 +185,4 @@ pub(super) fn results<S: Trained>(
         );
     }
     Ok(folder)
-}
-
-impl From<WriteError> for CliError {
-    fn from(error: WriteError) -> Self {
-        RunError::from(error).into()
-    }
 }

@@ -1,13 +1,13 @@
 //! The content of the demo's report: which pictures, which figures, in which order.
 
 use super::{FOV, Results};
+use crate::compare::curves;
 use crate::data::paths::{Lens, RADIUS, orbit};
 use crate::data::truth::{self, SegmentFile};
 use crate::draw::plot::{Series, line_plot};
 use crate::eval::diagnosis;
 use crate::eval::results::psnr_over_time;
 use crate::export::images::{encode_png, to_rgb8};
-use crate::files::RunPaths;
 use crate::memory::MIB;
 use crate::model::ToKernel;
 use crate::report::{Block, Number, Report, Section};
@@ -85,11 +85,7 @@ fn segments(data: &Path) -> Result<Vec<(Vec<u8>, String)>, String> {
 
 /// Learning curve: PSNR over steps, from the run's `metrics.jsonl`.
 fn learning_curve(run: &Path) -> String {
-    let text = std::fs::read_to_string(RunPaths(run).metrics()).unwrap_or_default();
-    let lines: Vec<serde_json::Value> = text.lines().filter_map(|l| serde_json::from_str(l).ok()).collect();
-    let points = |key: &str| -> Vec<(f64, f64)> {
-        lines.iter().filter_map(|l| Some((l["step"].as_f64()?, l[key].as_f64()?))).collect()
-    };
+    let curves = curves::read(run);
     let mean = |points: &[(f64, f64)]| -> Vec<(f64, f64)> {
         let n = (points.len() / 60).max(1);
         let mid = |c: &[(f64, f64)]| {
@@ -99,8 +95,8 @@ fn learning_curve(run: &Path) -> String {
         points.chunks(n).map(mid).collect()
     };
     let series = [
-        Series { name: "training views".into(), points: mean(&points("train_psnr")) },
-        Series { name: "test views".into(), points: points("test_psnr") },
+        Series { name: "training views".into(), points: mean(&curves.train) },
+        Series { name: "test views".into(), points: curves.test },
     ];
     line_plot("Learning curve", "step", "PSNR, dB", &series)
 }
@@ -123,15 +119,9 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
         .map(|i| format!("time {:.2}", i as f64 / (pictures.turntable.len() - 1).max(1) as f64))
         .collect();
     let [truth, render] = pictures.compare;
-    let section = |id: &str, title: &str, intro: &str, blocks: Vec<Block>| Section {
-        id: id.into(),
-        title: title.into(),
-        intro: intro.into(),
-        blocks,
-    };
     let total: f64 = results.stages.iter().map(|(_, seconds)| seconds).sum();
     let mut sections = vec![
-        section(
+        Section::new(
             "scene",
             "The trained scene",
             "Rendered from the Gaussians alone, without the volume, while the camera orbits and time advances.",
@@ -156,7 +146,7 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
                 ]),
             ],
         ),
-        section(
+        Section::new(
             "quality",
             "Quality",
             "How close the renders are to the ray-cast ground truth, in unseen views and mostly at unseen times.",
@@ -208,7 +198,7 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
         ),
     ];
     if !pictures.segments.is_empty() {
-        sections.push(section(
+        sections.push(Section::new(
             "segments",
             "Segments",
             "The scene's parts are known, so what a click selects can be measured: a click on each part at one time, \
@@ -217,7 +207,7 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
         ));
     }
     let run = shell::path(&results.options.out.join("run"));
-    sections.push(section(
+    sections.push(Section::new(
         "time",
         "Where the time went",
         "",
@@ -232,7 +222,7 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
             )),
         ],
     ));
-    sections.push(section(
+    sections.push(Section::new(
         "yours",
         "Use your own data",
         "Volumes as .raw (with a small .toml), .nrrd, .vti, .nii or .npy; or posed images in the D-NeRF layout.",

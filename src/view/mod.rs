@@ -65,42 +65,26 @@ pub mod tracks;
 pub mod training;
 pub mod workspace;
 
-use burn::tensor::Device;
 use hub::Hub;
-use listen::{Listening, Reach, Serving, ViewError};
+use listen::{Listening, Serving, ServingOptions, ViewError};
 use others::Other;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use workspace::Workspace;
 
-/// How a run folder is served.
-#[derive(Clone, Debug)]
-pub struct ViewOptions {
-    /// Folder of the run.
-    pub run: PathBuf,
-    /// Its dataset, if that was moved.
-    pub data: Option<PathBuf>,
-    /// Runs, or checkpoints of runs, that it can be compared with.
-    pub with: Vec<PathBuf>,
-    /// Device on which all of them are drawn.
-    pub device: Device,
-    /// Where it can be reached.
-    pub reach: Reach,
-    /// Whether nothing may be changed.
-    pub read_only: bool,
-    /// Maximum size of the cache of deformed Gaussians, for all runs together, in bytes.
-    pub cache: usize,
-}
-
-/// Serves the viewer until `stop` is raised; `ready` receives where it can be reached.
+/// Serves a run, and the `others` that it can be compared with, until `stop` is raised; `ready` receives where the
+/// viewer can be reached.
 ///
 /// # Errors
-/// If the run cannot be opened, or the address cannot be used.
-pub fn serve(options: &ViewOptions, stop: &AtomicBool, ready: impl FnOnce(&Serving)) -> Result<(), ViewError> {
-    let space = Workspace::open(&options.run, options.data.as_deref(), &options.device, options.read_only)?;
-    let others = Other::open(&options.with, &options.device)?;
-    let listening = Listening::open(&options.reach)?;
+/// If the address cannot be used, or the system gives no thread.
+pub fn serve(
+    space: Workspace,
+    others: Vec<Other>,
+    options: &ServingOptions,
+    stop: &AtomicBool,
+    ready: impl FnOnce(&Serving),
+) -> Result<(), ViewError> {
+    let listening = Listening::open(options)?;
     let serving = listening.serving().clone();
-    listening.serve(space, others, options.cache, Arc::new(Hub::default()), stop, || ready(&serving))
+    listening.serve(space, others, Arc::new(Hub::default()), stop, || ready(&serving))
 }

@@ -1,5 +1,6 @@
 //! What can be wrong with a dataset. Each variant names the file, the place in it and a way to fix it.
 
+use crate::user_error::UserError;
 use crate::versioned::{KEY, VersionedError};
 use crate::words::plain;
 use std::path::{Path, PathBuf};
@@ -109,16 +110,16 @@ pub enum DataError {
     },
 }
 
-impl DataError {
-    /// Whether the user can fix it; otherwise the system failed or refused.
-    #[must_use]
-    pub fn is_input(&self) -> bool {
+impl UserError for DataError {
+    fn is_input(&self) -> bool {
         match self {
             Self::Io { source, .. } => crate::files::is_user_error(source),
             _ => true,
         }
     }
+}
 
+impl DataError {
     /// Returns the error for a record that cannot be read.
     pub(super) fn of_record(path: &Path, error: VersionedError, hint: &str) -> Self {
         let (path, hint) = (path.to_owned(), hint.to_owned());

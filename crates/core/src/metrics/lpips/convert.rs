@@ -7,6 +7,7 @@ use super::state_dict::{StateDict, StateDictError};
 use crate::files::{MARK, ReplaceError, check_file, same_file};
 use crate::memory::{Budget, TooLarge, product};
 use crate::tensors::{TensorFileError, write};
+use crate::user_error::UserError;
 use safetensors::Dtype;
 use safetensors::tensor::TensorView;
 use serde::Serialize;
@@ -108,10 +109,8 @@ fn hint(source: &StateDictError) -> &'static str {
     }
 }
 
-impl ConvertError {
-    /// Whether the user can fix it with other files or another name.
-    #[must_use]
-    pub fn is_input(&self) -> bool {
+impl UserError for ConvertError {
+    fn is_input(&self) -> bool {
         match self {
             Self::Out(error) => error.is_input(),
             Self::Write(_) => false,
