@@ -43,11 +43,14 @@ mod help_tests;
 pub use error::CliError;
 
 use crate::device::DeviceName;
+use crate::files::Work;
 use crate::memory::{Budget, Bytes};
+use crate::run::OpenRun;
 use crate::words::plain;
 use burn::tensor::Device;
 use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::ffi::OsString;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -106,6 +109,18 @@ impl Common {
     fn device(&self) -> Result<(DeviceName, Device), CliError> {
         let name: DeviceName = self.device.parse().map_err(CliError::input)?;
         Ok((name, name.open().map_err(CliError::input)?))
+    }
+
+    /// Opens a run to read it.
+    fn open(&self, run: &Path) -> Result<(OpenRun, Device), CliError> {
+        let (_, device) = self.device()?;
+        Ok((OpenRun::open(run, &device)?, device))
+    }
+
+    /// Opens a run to change it, which takes its lock for `work`.
+    fn open_to_write(&self, run: &Path, work: Work) -> Result<(OpenRun, Device), CliError> {
+        let (_, device) = self.device()?;
+        Ok((OpenRun::open_to_write(run, &device, &command_line(), work)?, device))
     }
 }
 

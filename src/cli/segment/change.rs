@@ -1,10 +1,8 @@
 //! `volseggs segment group`, `segment rename` and `segment remove`
 
-use super::super::{CliError, Common, command_line, print_json};
-use crate::files::Work;
+use super::super::{CliError, Common, print_json};
+use super::{names, open_to_change};
 use crate::name::Name;
-use crate::run::OpenRun;
-use crate::run::segments::RunSegments;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -25,9 +23,7 @@ pub struct GroupArgs {
 
 impl GroupArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let (_, device) = self.common.device()?;
-        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
-        let mut segments = RunSegments::open(&run)?;
+        let (_run, mut segments) = open_to_change(&self.run, &self.common)?;
         segments.group(&self.name, &self.segments)?;
         segments.save()?;
         let group = segments.now().get(&self.name).map_err(CliError::failure)?;
@@ -57,12 +53,10 @@ pub struct RenameArgs {
 
 impl RenameArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let (_, device) = self.common.device()?;
-        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
-        let mut segments = RunSegments::open(&run)?;
+        let (run, mut segments) = open_to_change(&self.run, &self.common)?;
         segments.rename(&run, &self.old, &self.new)?;
         segments.save()?;
-        let names: Vec<&str> = segments.now().segments.iter().map(|s| s.name.as_str()).collect();
+        let names = names(&segments);
         if self.common.json {
             return print_json(&serde_json::json!({ "old": self.old, "name": self.new, "segments": names }));
         }
@@ -88,12 +82,10 @@ pub struct RemoveArgs {
 
 impl RemoveArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let (_, device) = self.common.device()?;
-        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
-        let mut segments = RunSegments::open(&run)?;
+        let (_run, mut segments) = open_to_change(&self.run, &self.common)?;
         let removed = segments.remove(&self.segments)?;
         segments.save()?;
-        let left: Vec<&str> = segments.now().segments.iter().map(|s| s.name.as_str()).collect();
+        let left = names(&segments);
         if self.common.json {
             return print_json(&serde_json::json!({ "removed": removed, "segments": left }));
         }

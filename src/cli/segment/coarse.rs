@@ -5,10 +5,9 @@ use super::super::data::DataArgs;
 use super::super::settings::{SegmentSettings, put};
 use super::super::time::TimeArg;
 use super::super::values::{count, fraction_f32, positive_f32};
-use super::super::{CliError, Common, command_line, print_json};
+use super::super::{CliError, Common, print_json};
 use crate::config::types::segment::{ColourConfig, ColourSpace};
 use crate::files::Work;
-use crate::run::OpenRun;
 use crate::run::segments::{RunSegments, SHOWN, sheet, write_picture};
 use crate::segment::coarse::Coarse;
 use crate::segment::segmentation::Segmentation;
@@ -83,9 +82,8 @@ struct Report<'a> {
 impl CoarseArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         self.check(self.space.unwrap_or(ColourSpace::Material))?;
-        let (_, device) = self.common.device()?;
-        let run = self.data.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?)?;
-        let run = self.settings.of(run)?;
+        let (run, device) = self.common.open_to_write(&self.run, Work::Short)?;
+        let run = self.settings.of(self.data.of(run)?)?;
         let mut config = run.config.segment.clone();
         self.set(&mut config.colour);
         self.check(config.colour.space)?;

@@ -9,8 +9,12 @@ mod pick;
 mod split;
 mod undo;
 
-use super::CliError;
+use super::{CliError, Common};
+use crate::files::Work;
+use crate::run::OpenRun;
+use crate::run::segments::RunSegments;
 use clap::{Args, Subcommand};
+use std::path::Path;
 
 /// Find segments: by colour, and within a colour by masks of rendered views.
 #[derive(Debug, Args)]
@@ -53,4 +57,16 @@ impl SegmentArgs {
             SegmentCommand::List(args) => args.run(),
         }
     }
+}
+
+/// Opens a run, which holds its lock, and its segments.
+fn open_to_change(run: &Path, common: &Common) -> Result<(OpenRun, RunSegments), CliError> {
+    let (run, _) = common.open_to_write(run, Work::Short)?;
+    let segments = RunSegments::open(&run)?;
+    Ok((run, segments))
+}
+
+/// The names of all segments.
+fn names(segments: &RunSegments) -> Vec<&str> {
+    segments.now().segments.iter().map(|s| s.name.as_str()).collect()
 }

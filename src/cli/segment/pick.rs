@@ -5,7 +5,7 @@ use super::super::data::DataArgs;
 use super::super::settings::SegmentSettings;
 use super::super::time::TimeArg;
 use super::super::values::{cosine_f32, count, fraction_f32};
-use super::super::{CliError, Common, command_line, print_json};
+use super::super::{CliError, Common, print_json};
 use crate::config::types::segment::LevelsConfig;
 use crate::data::Camera;
 use crate::files::Work;
@@ -177,10 +177,9 @@ impl PickArgs {
             return Err(CliError::input("--pixel: give two numbers, such as --pixel 210,180"));
         };
         self.check()?;
-        let (_, device) = self.common.device()?;
-        let run = match self.name {
-            Some(_) => OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?,
-            None => OpenRun::open(&self.run, &device)?,
+        let (run, device) = match self.name {
+            Some(_) => self.common.open_to_write(&self.run, Work::Short)?,
+            None => self.common.open(&self.run)?,
         };
         let mut run = self.settings.of(self.data.of(run)?)?;
         run.config.segment.pieces.strays &= !self.keep_strays;

@@ -1,10 +1,9 @@
 //! `volseggs segment undo` and `segment redo`
 
 use super::super::values::count;
-use super::super::{CliError, Common, command_line, print_json};
-use crate::files::Work;
-use crate::run::OpenRun;
-use crate::run::segments::{RunSegments, Towards};
+use super::super::{CliError, Common, print_json};
+use super::{names, open_to_change};
+use crate::run::segments::Towards;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -51,12 +50,10 @@ impl RedoArgs {
 
 impl Step {
     fn run(self, towards: Towards, done: &str) -> Result<(), CliError> {
-        let (_, device) = self.common.device()?;
-        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
-        let mut segments = RunSegments::open(&run)?;
+        let (_run, mut segments) = open_to_change(&self.run, &self.common)?;
         let steps = segments.step(towards, self.count)?;
         segments.save()?;
-        let names: Vec<&str> = segments.now().segments.iter().map(|s| s.name.as_str()).collect();
+        let names = names(&segments);
         if self.common.json {
             return print_json(&serde_json::json!({
                 done: steps, "segments": names,

@@ -3,12 +3,13 @@
 use super::make::{MakeError, MaskJob, Shot};
 use super::store::StoreError;
 use crate::data::Camera;
+use crate::export::images::to_rgb8;
 use crate::files::read_regular;
 use crate::model::ToKernel;
 use crate::segment::pictures::draw_each;
 use crate::segment::segmentation::members_key;
 use crate::versioned;
-use image::{ImageFormat, RgbImage};
+use image::ImageFormat;
 use serde::{Deserialize, Serialize};
 use std::io::Cursor;
 use std::path::Path;
@@ -73,10 +74,7 @@ pub fn write_pictures(
         let pictures = draw_each(job.at.subset(&group.members), seen, job.device);
         for (shot, rgba) in job.shots.iter().zip(pictures) {
             let path = inner.join(format!("{}.png", shot.file));
-            let bytes = rgba.chunks_exact(4).flat_map(|p| &p[..3]).map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8);
-            let (w, h) = (shot.camera.width, shot.camera.height);
-            let image = RgbImage::from_raw(w, h, bytes.collect())
-                .ok_or_else(|| StoreError::field(&path, "pixels", "their number differs from the camera's"))?;
+            let image = to_rgb8(&rgba, shot.camera.width as usize, shot.camera.height as usize);
             let mut png = Cursor::new(Vec::new());
             image.write_to(&mut png, ImageFormat::Png).map_err(|e| StoreError::field(&path, "PNG", e))?;
             std::fs::write(&path, png.into_inner()).map_err(StoreError::io(&path))?;

@@ -4,7 +4,10 @@
 
 use std::{cmp::Reverse, collections::BTreeMap, collections::BinaryHeap};
 
-use super::{edges::Window, watershed::NONE};
+use super::{
+    edges::{Window, sides},
+    watershed::NONE,
+};
 
 /// A region: a basin, or two regions joined.
 #[derive(Debug, Clone, PartialEq)]
@@ -164,12 +167,7 @@ fn leaves(window: &Window, labels: &[u32], count: usize, relief: &[f32]) -> Vec<
             let (x, y) = ((pixel % window.width) as u32, (pixel / window.width) as u32);
             node.area += 1;
             node.relief += f64::from(relief[pixel]);
-            let sides = [
-                (x > 0).then(|| pixel - 1),
-                (x as usize + 1 < window.width).then_some(pixel + 1),
-                pixel.checked_sub(window.width),
-                Some(pixel + window.width).filter(|&below| below < labels.len()),
-            ];
+            let sides = sides(pixel, window.width, labels.len());
             node.outline += sides.iter().filter(|side| side.is_none_or(|side| labels[side] != label)).count() as u32;
             node.bounds = union(node.bounds, [x, y, x + 1, y + 1]);
         }
