@@ -1,5 +1,5 @@
-//! Extension points: custom loss terms, space-time encoders, learning-rate schedules, metrics and whole methods,
-//! without changes to this crate.
+//! Extension points: custom loss terms, space-time encoders, learning-rate schedules, metrics, sources of masks and whole
+//! methods, without changes to this crate.
 //!
 //! A small program registers them by name, then calls [`crate::main`]; from then on configurations, sweeps and commands
 //! accept these names. `docs/research.md` shows one of each; `examples/extended` is such a program.
@@ -14,6 +14,10 @@ pub use crate::method::network::{Network, OneNetwork, Seen};
 pub use crate::method::{Counts, Method, Model, Saved, Training};
 pub use crate::model::encoder_definition::{EncoderDefinition, Parameter, Parameters, find_encoder};
 pub use crate::registry::NotRegistered;
+pub use crate::segment::masks::registry::{
+    ChooseSourceError, MaskSourceKind, SourceInput, SourceOpenError, SourceOption, SourceOptions, SourceViews,
+};
+pub use crate::segment::masks::source::MaskSource;
 pub use crate::train::loss_term::{LossInput, LossTerm, find_loss_term};
 pub use crate::train::rate_schedule::{Schedule, find_schedule};
 pub use volseggs_kernels::Camera as PinholeCamera;
@@ -21,6 +25,7 @@ pub use volseggs_kernels::Camera as PinholeCamera;
 use crate::eval::metric::METRICS;
 use crate::method::METHODS;
 use crate::model::encoder_definition::ENCODERS;
+use crate::segment::masks::registry::MASK_SOURCES;
 use crate::train::loss_term::LOSS_TERMS;
 use crate::train::rate_schedule::SCHEDULES;
 use std::sync::Arc;
@@ -43,6 +48,12 @@ pub fn schedule(name: &str, schedule: impl Schedule + 'static) {
 /// Registers a metric; every later evaluation computes it. Its name should not be that of a built-in metric.
 pub fn metric(name: &str, metric: impl Metric + 'static) {
     METRICS.insert(name, Arc::new(metric));
+}
+
+/// Registers a source of masks; `segment masks --source NAME`, `eval --segments --masks NAME` and `segments.masks = "NAME"`
+/// use it. It replaces a built-in source of that name.
+pub fn mask_source(name: &str, kind: impl MaskSourceKind + 'static) {
+    MASK_SOURCES.insert(name, Arc::new(kind));
 }
 
 /// Registers a method; `method = "NAME"`, or `volseggs train --method NAME`, trains with it. It replaces a built-in

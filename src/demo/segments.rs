@@ -12,8 +12,6 @@ use crate::model::{HostGaussians, ToKernel};
 use crate::name::Name;
 use crate::run::segments::{RunSegments, by_colour};
 use crate::run::{OpenRun, RunError, affinity};
-use crate::segment::baselines::saga::SagaOptions;
-use crate::segment::masks::origin::MaskKind;
 use crate::segment::pictures::draw;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
 use crate::track::follow::{FollowOptions, Followed, Followup, follow};
@@ -87,22 +85,14 @@ fn save(run: &OpenRun, found: &Segmentation, lifted: Option<Lifted>, time: f64) 
 pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Result<SegmentStory, String> {
     let scene = &run.scene;
     let truth = Truth::read(data).map_err(|e| e.to_string())?;
-    let mut config = run.config.segment.clone();
-    (config.affinity.steps, config.affinity.pixels) = (STEPS, PIXELS);
     let plan = SegmentOptions {
-        time: 0.5,
         methods: vec![Method::Coarse, Method::CoarseFine],
-        segments: Vec::new(),
-        unions: Vec::new(),
-        clicks: 1,
         oracle: false,
-        masks: MaskKind::Regions,
         views: MASK_VIEWS,
-        bias: None,
-        config,
-        seed: 0,
-        saga: SagaOptions::default(),
-        mask_alpha: None,
+        fine_steps: Some(STEPS),
+        pixels: Some(PIXELS),
+        segment: run.config.segment.clone(),
+        ..SegmentOptions::default()
     };
     let work = AtomicDir::create(&run.paths().eval().join("masks")).map_err(|e| e.to_string())?;
     let widening = run.widening();

@@ -1,7 +1,8 @@
 //! Digests of the files that runs are measured with: weights of networks and masks of other programs. Their names do
 //! not tell when they are replaced.
 
-use super::spec::SegmentSpec;
+use crate::eval::segments::SegmentOptions;
+use crate::segment::masks::registry::{self, SourceOption};
 use crate::segment::masks::sam::checkpoint;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -22,20 +23,17 @@ impl Contents {
     /// The key of a file that cannot be read, and why.
     pub(super) fn read<'a>(
         lpips: &[PathBuf],
-        specs: impl Iterator<Item = &'a SegmentSpec>,
+        specs: impl Iterator<Item = &'a SegmentOptions>,
     ) -> Result<Self, (String, String)> {
         let mut contents = Self::default();
         for path in lpips {
             contents.add("eval.lpips_weights", path, path)?;
         }
         for spec in specs {
-            if let Some(path) = &spec.mask_dir {
-                contents.add("segments.mask_dir", path, path)?;
-            }
-            if let Some(name) = sam(spec) {
-                let key = "segments.sam_weights";
-                let file = checkpoint::locate(spec.sam_weights.as_deref());
-                contents.add(key, name, &file.map_err(|e| (key.to_owned(), e.to_string()))?)?;
+            let source = spec.source().map_err(|e| ("segments".to_owned(), e.to_string()))?;
+            let places = [&source.options.path, &source.options.weights].into_iter().flatten();
+            for ((key, name), place) in files(spec).into_iter().zip(places) {
+                contents.add(key, name, place)?;
             }
         }
         Ok(contents)
@@ -56,8 +54,8 @@ impl Contents {
     }
 
     /// The digests of the files that `spec` names as text, empty if it names none.
-    pub(super) fn of_segments(&self, spec: &SegmentSpec) -> String {
-        self.text(spec.mask_dir.as_deref().into_iter().chain(sam(spec)))
+    pub(super) fn of_segments(&self, spec: &SegmentOptions) -> String {
+        self.text(files(spec).into_iter().map(|(_, name)| name))
     }
 
     fn text<'a>(&self, names: impl Iterator<Item = &'a Path>) -> String {
@@ -65,11 +63,16 @@ impl Contents {
     }
 }
 
-/// What the weights of `masks = "sam"` are called here; those of the cache folder by their name alone, as each machine
-/// has its own folder.
-fn sam(spec: &SegmentSpec) -> Option<&Path> {
-    let own = spec.sam_weights.as_deref();
-    (spec.masks == "sam").then(|| own.unwrap_or(Path::new(checkpoint::FILE_NAME)))
+/// The files that the masks of `spec` are made from: the key of each, and what it is called here. Weights of the cache
+/// folder are called by their name alone, as each machine has its own folder.
+fn files(spec: &SegmentOptions) -> Vec<(&'static str, &Path)> {
+    let kind = registry::find(&spec.masks);
+    let reads = |option| kind.as_ref().is_some_and(|kind| kind.reads().contains(&option));
+    let path = spec.mask_dir.as_deref().filter(|_| reads(SourceOption::Path));
+    let weights = spec.sam_weights.as_deref().unwrap_or(Path::new(checkpoint::FILE_NAME));
+    let weights = reads(SourceOption::Weights).then_some(weights);
+    let path = path.map(|path| ("segments.mask_dir", path));
+    path.into_iter().chain(weights.map(|weights| ("segments.sam_weights", weights))).collect()
 }
 
 /// The 128-bit XXH3 hash of a file, or of the sorted names and the hashes of the masks in a folder.

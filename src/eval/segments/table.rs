@@ -260,7 +260,7 @@ mod tests {
         SegmentEvaluation {
             data: DataId::default(),
             time: 0.5,
-            masks: "regions",
+            masks: "regions".to_owned(),
             mask_views: 4,
             seed: 0,
             oracle_tries: 0,
