@@ -15,9 +15,9 @@ pub use crate::method::{Counts, Method, Model, Saved, Training};
 pub use crate::model::encoder_definition::{EncoderDefinition, Parameter, Parameters, find_encoder};
 pub use crate::registry::NotRegistered;
 pub use crate::segment::masks::registry::{
-    ChooseSourceError, MaskSourceKind, SourceInput, SourceOpenError, SourceOption, SourceOptions, SourceViews,
+    ChooseSourceError, MaskSourceKind, SourceInput, SourceOption, SourceOptions, SourceViews,
 };
-pub use crate::segment::masks::source::MaskSource;
+pub use crate::segment::masks::source::{MaskSource, SourceError};
 pub use crate::train::loss_term::{LossInput, LossTerm, find_loss_term};
 pub use crate::train::rate_schedule::{Schedule, find_schedule};
 pub use volseggs_kernels::Camera as PinholeCamera;
@@ -51,7 +51,8 @@ pub fn metric(name: &str, metric: impl Metric + 'static) {
 }
 
 /// Registers a source of masks; `segment masks --source NAME`, `eval --segments --masks NAME` and `segments.masks = "NAME"`
-/// use it. It replaces a built-in source of that name.
+/// use it. It replaces a built-in source of that name. What it sees and returns of a picture is
+/// [`Seen`](crate::segment::masks::source::Seen) and [`Found`](crate::segment::masks::source::Found).
 pub fn mask_source(name: &str, kind: impl MaskSourceKind + 'static) {
     MASK_SOURCES.insert(name, Arc::new(kind));
 }

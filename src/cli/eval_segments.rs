@@ -116,7 +116,8 @@ impl SegmentFlags {
 fn option_error(error: SegmentOptionError) -> CliError {
     let command = SegmentOptions::augment_args(Command::new(""));
     let flag = |key: &str| {
-        let long = command.get_arguments().find(|arg| arg.get_id() == key).and_then(Arg::get_long);
+        // the id of an argument is its key, of `views` with a prefix
+        let long = command.get_arguments().find(|arg| arg.get_id().as_str().ends_with(key)).and_then(Arg::get_long);
         format!("--{}", long.unwrap_or(key))
     };
     CliError::input(match error {

@@ -10,7 +10,7 @@ use crate::export::images::to_rgb8;
 use crate::files::AtomicDir;
 use crate::memory::{Budget, product};
 use crate::model::HostGaussians;
-use crate::segment::masks::handout::{self, FILE, Handout, HandoutError};
+use crate::segment::masks::handout::{self, FILE, Handout};
 use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
 use crate::segment::masks::registry::{ChosenSource, SourceInput, SourceViews};
 use crate::segment::masks::sheet::overlay;
@@ -218,7 +218,7 @@ pub fn write_pictures(
     let building = AtomicDir::create(&folder).map_err(fail)?;
     match handout::write_pictures(&plan.job(run, &at, device), &run.scene.fingerprint(), building.dir(), goes_on) {
         Ok(()) => {}
-        Err(HandoutError::Job(MakeError::Stopped)) => return Ok(None),
+        Err(MakeError::Stopped) => return Ok(None),
         Err(error) => return Err(RunError::failure(error)),
     }
     building.commit().map_err(fail)?;

@@ -3,7 +3,6 @@
 
 use crate::eval::segments::SegmentOptions;
 use crate::segment::masks::registry::{self, SourceOption};
-use crate::segment::masks::sam::checkpoint;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -63,16 +62,15 @@ impl Contents {
     }
 }
 
-/// The files that the masks of `spec` are made from: the key of each, and what it is called here. Weights of the cache
-/// folder are called by their name alone, as each machine has its own folder.
+/// The files that the masks of `spec` are made from: the key of each, and what it is called here. Weights that the source
+/// finds by itself have its name, as each machine has its own folder for them.
 fn files(spec: &SegmentOptions) -> Vec<(&'static str, &Path)> {
     let kind = registry::find(&spec.masks);
     let reads = |option| kind.as_ref().is_some_and(|kind| kind.reads().contains(&option));
-    let path = spec.mask_dir.as_deref().filter(|_| reads(SourceOption::Path));
-    let weights = spec.sam_weights.as_deref().unwrap_or(Path::new(checkpoint::FILE_NAME));
-    let weights = reads(SourceOption::Weights).then_some(weights);
-    let path = path.map(|path| ("segments.mask_dir", path));
-    path.into_iter().chain(weights.map(|weights| ("segments.sam_weights", weights))).collect()
+    let weights = || spec.sam_weights.as_deref().unwrap_or(Path::new(&spec.masks));
+    let path = spec.mask_dir.as_deref().filter(|_| reads(SourceOption::Path)).map(|path| ("segments.mask_dir", path));
+    let weights = reads(SourceOption::Weights).then(|| ("segments.sam_weights", weights()));
+    path.into_iter().chain(weights).collect()
 }
 
 /// The 128-bit XXH3 hash of a file, or of the sorted names and the hashes of the masks in a folder.

@@ -53,7 +53,8 @@ pub struct SegmentOptions {
     #[arg(long, value_name = "N", default_value_t = DEFAULT_POINTS, value_parser = count)]
     pub sam_points: usize,
     /// Number of views with masks; for labels, at most this many of the dataset's views.
-    #[arg(long = "mask-views", value_name = "MASK_VIEWS", default_value_t = Self::default().views, value_parser = count)]
+    // `eval` has views of its own
+    #[arg(id = "mask_views", long = "mask-views", value_name = "MASK_VIEWS", default_value_t = Self::default().views, value_parser = count)]
     pub views: usize,
     /// Restrict these views to within 45 degrees of an axis (x, y or z), instead of the whole sphere.
     #[arg(long = "mask-bias", value_name = "AXIS")]

@@ -13,7 +13,6 @@ use image::ImageFormat;
 use serde::{Deserialize, Serialize};
 use std::io::Cursor;
 use std::path::Path;
-use thiserror::Error;
 
 /// Largest side of a picture, pixels.
 const MAX_SIDE: u32 = 16_384;
@@ -44,28 +43,17 @@ pub struct HandoutGroup {
     pub members: String,
 }
 
-/// Why pictures cannot be written.
-#[derive(Debug, Error)]
-pub enum HandoutError {
-    /// The views or groups cannot be used, or `progress` asked to stop.
-    #[error(transparent)]
-    Job(#[from] MakeError),
-    /// A file cannot be written.
-    #[error(transparent)]
-    Store(#[from] StoreError),
-}
-
 /// Writes `GROUP/VIEW.png`, RGB over the background, for each group and view into `folder`, and the list. `progress` is
 /// called after each picture and returns whether to continue.
 ///
 /// # Errors
-/// As [`HandoutError`]; some of the pictures may then be in `folder`.
+/// As [`MakeError`]; some of the pictures may then be in `folder`.
 pub fn write_pictures(
     job: &MaskJob<'_>,
     scene: &str,
     folder: &Path,
     mut progress: impl FnMut() -> bool,
-) -> Result<(), HandoutError> {
+) -> Result<(), MakeError> {
     job.check()?;
     for group in job.groups {
         let inner = folder.join(&group.name);
@@ -79,7 +67,7 @@ pub fn write_pictures(
             image.write_to(&mut png, ImageFormat::Png).map_err(|e| StoreError::field(&path, "PNG", e))?;
             std::fs::write(&path, png.into_inner()).map_err(StoreError::io(&path))?;
             if !progress() {
-                return Err(MakeError::Stopped.into());
+                return Err(MakeError::Stopped);
             }
         }
     }

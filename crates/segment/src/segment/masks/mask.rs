@@ -141,11 +141,7 @@ impl Mask {
     /// The mask as a row-major buffer `[height, width]`.
     #[must_use]
     pub fn to_rows(&self) -> Vec<bool> {
-        let mut set = vec![false; self.width as usize * self.height as usize];
-        for pixel in self.pixels() {
-            set[pixel as usize] = true;
-        }
-        set
+        self.window([0, 0, self.width, self.height])
     }
 
     /// A mask from a row-major buffer of the box `[x, y, w, h]` alone, which must lie inside the image.

@@ -4,9 +4,7 @@
 //! A source is a file in `source/` and a line in [`built_in`].
 
 use super::make::MaskJob;
-use super::sam::SamError;
-use super::source::{MaskSource, dir, labels, regions, sam};
-use super::store::StoreError;
+use super::source::{MaskSource, SourceError, dir, labels, regions, sam};
 use crate::data::Truth;
 use crate::data::truth::LabelledView;
 use crate::registry::Registry;
@@ -65,7 +63,7 @@ pub trait MaskSourceKind: Send + Sync {
     ///
     /// # Errors
     /// If it has no masks of these, or a file cannot be read; the error names the file.
-    fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceOpenError>;
+    fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceError>;
 }
 
 /// Which views a source has masks of.
@@ -159,20 +157,6 @@ pub struct SourceInput<'a> {
     pub labelled: Option<(&'a Truth, &'a [LabelledView])>,
 }
 
-/// Why a source cannot be opened.
-#[derive(Debug, Error)]
-pub enum SourceOpenError {
-    /// Masks of another program cannot be used.
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    /// A network cannot be loaded.
-    #[error(transparent)]
-    Sam(#[from] SamError),
-    /// Any other reason.
-    #[error("{0}")]
-    Other(String),
-}
-
 /// A source chosen by name, with its options.
 #[derive(Clone)]
 pub struct ChosenSource {
@@ -248,8 +232,8 @@ mod tests {
             "The guest's."
         }
 
-        fn open(&self, _: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceOpenError> {
-            Err(SourceOpenError::Other("no masks".to_owned()))
+        fn open(&self, _: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceError> {
+            Err(SourceError::Other("no masks".to_owned()))
         }
     }
 

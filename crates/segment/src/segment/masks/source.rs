@@ -70,7 +70,7 @@ pub trait MaskSource: Sync {
     }
 }
 
-/// Why a source finds no masks.
+/// Why a source cannot be opened, or finds no masks.
 #[derive(Debug, Error)]
 pub enum SourceError {
     /// The source `regions` failed.
@@ -96,6 +96,9 @@ pub enum SourceError {
         /// The group asked for.
         group: usize,
     },
+    /// Any other reason.
+    #[error("{0}")]
+    Other(String),
 }
 
 impl SourceError {

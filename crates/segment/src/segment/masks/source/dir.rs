@@ -3,7 +3,7 @@
 use super::super::coco::CocoFile;
 use super::super::png_folder::PngFolder;
 use super::super::registry::{
-    ChooseSourceError, MaskSourceKind, SourceInput, SourceOpenError, SourceOption, SourceOptions, SourceViews,
+    ChooseSourceError, MaskSourceKind, SourceInput, SourceOption, SourceOptions, SourceViews,
 };
 use super::super::store::StoreError;
 use super::{Found, MaskSource, Seen, SourceError};
@@ -38,7 +38,7 @@ impl MaskSourceKind for DirKind {
         }
     }
 
-    fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceOpenError> {
+    fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceError> {
         let job = input.job;
         let groups: Vec<String> = job.groups.iter().map(|g| g.name.clone()).collect();
         let views: Vec<String> = job.shots.iter().map(|s| format!("{}.png", s.file)).collect();

@@ -1,6 +1,6 @@
 //! Ground-truth masks: label images of a dataset, restricted to where a group is in front.
 
-use super::super::registry::{MaskSourceKind, SourceInput, SourceOpenError, SourceViews};
+use super::super::registry::{MaskSourceKind, SourceInput, SourceViews};
 use super::{Found, MaskSource, Seen, SourceError};
 use crate::data::Truth;
 use crate::data::truth::LabelledView;
@@ -18,8 +18,8 @@ impl MaskSourceKind for LabelsKind {
         SourceViews::Labelled
     }
 
-    fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceOpenError> {
-        let missing = || SourceOpenError::Other("labels: there are no views with a label image".to_owned());
+    fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceError> {
+        let missing = || SourceError::Other("labels: there are no views with a label image".to_owned());
         let (truth, views) = input.labelled.ok_or_else(missing)?;
         Ok(Box::new(Labels::new(truth.clone(), views.to_vec(), input.job.config.label_pixels)))
     }

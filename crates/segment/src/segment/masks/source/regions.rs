@@ -1,7 +1,7 @@
 //! Masks from the picture alone: [`find_regions`] as a source.
 
 use super::super::regions::{RegionError, RegionImage, find_regions};
-use super::super::registry::{MaskSourceKind, SourceInput, SourceOpenError};
+use super::super::registry::{MaskSourceKind, SourceInput};
 use super::{Found, MaskSource, Seen, SourceError};
 use crate::config::types::segment::MasksConfig;
 use crate::segment::pictures::Picture;
@@ -14,7 +14,7 @@ impl MaskSourceKind for RegionsKind {
         "Regions between discontinuities of colour, alpha and depth"
     }
 
-    fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceOpenError> {
+    fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceError> {
         Ok(Box::new(Regions::new(input.job.rendering.background, input.job.config.clone())))
     }
 }

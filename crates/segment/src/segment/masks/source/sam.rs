@@ -2,7 +2,7 @@
 
 use super::super::alpha::{background_below, on_background};
 use super::super::registry::{
-    ChooseSourceError, DEFAULT_POINTS, MaskSourceKind, SourceInput, SourceOpenError, SourceOption, SourceOptions,
+    ChooseSourceError, DEFAULT_POINTS, MaskSourceKind, SourceInput, SourceOption, SourceOptions,
 };
 use super::super::sam::{AutomaticOptions, Sam, SamConfig, checkpoint, generate};
 use super::{Found, MaskSource, Seen, SourceError};
@@ -45,7 +45,7 @@ impl MaskSourceKind for SamKind {
         Some(pictures as f64 * (SECONDS[0] + SECONDS[1] * (points * points) as f64))
     }
 
-    fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceOpenError> {
+    fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceError> {
         let weights = input.options.weights.as_deref().unwrap_or(Path::new(""));
         let config = input.job.config;
         let options = AutomaticOptions {
