@@ -1,5 +1,5 @@
-//! Extension points: custom loss terms, space-time encoders, learning-rate schedules, densification rules, metrics and
-//! whole methods, without changes to this crate.
+//! Extension points: custom loss terms, space-time encoders, learning-rate schedules, densification rules, metrics,
+//! sources of masks and whole methods, without changes to this crate.
 //!
 //! A small program registers them by name, then calls [`crate::main`]; from then on configurations, sweeps and commands
 //! accept these names. `docs/research.md` shows one of each; `examples/extended` is such a program.
@@ -17,6 +17,10 @@ pub use crate::method::{Counts, Method, Model, Saved, Training};
 pub use crate::model::encoder::{EncoderFactory, find_encoder};
 pub use crate::model::encoder_definition::{EncoderDefinition, Parameter, Parameters};
 pub use crate::registry::NotRegistered;
+pub use crate::segment::masks::registry::{
+    ChooseSourceError, MaskSourceKind, SourceInput, SourceOption, SourceOptions, SourceViews,
+};
+pub use crate::segment::masks::source::{MaskSource, SourceError};
 pub use crate::train::densify::{Candidates, DensificationRule, Row, find_rule};
 pub use crate::train::losses::{LossInput, LossTerm, find_loss_term};
 pub use crate::train::rate_schedule::{Schedule, find_schedule};
@@ -26,6 +30,7 @@ use crate::eval::metric::METRICS;
 use crate::method::METHODS;
 use crate::model::defined_encoder::Defined;
 use crate::model::encoder::ENCODERS;
+use crate::segment::masks::registry::MASK_SOURCES;
 use crate::train::densify::RULES;
 use crate::train::losses::LOSS_TERMS;
 use crate::train::rate_schedule::SCHEDULES;
@@ -53,6 +58,13 @@ pub fn densification(name: &str, rule: impl DensificationRule + 'static) {
 /// Registers a metric; every later evaluation computes it. Its name should not be that of a built-in metric.
 pub fn metric(name: &str, metric: impl Metric + 'static) {
     METRICS.insert(name, Box::new(metric));
+}
+
+/// Registers a source of masks; `segment masks --source NAME`, `eval --segments --masks NAME` and `segments.masks = "NAME"`
+/// use it. It replaces a built-in source of that name. What it sees and returns of a picture is
+/// [`Seen`](crate::segment::masks::source::Seen) and [`Found`](crate::segment::masks::source::Found).
+pub fn mask_source(name: &str, kind: impl MaskSourceKind + 'static) {
+    MASK_SOURCES.insert(name, Box::new(kind));
 }
 
 /// Registers a method; `method = "NAME"`, or `volseggs train --method NAME`, trains with it. It replaces a built-in

@@ -29,7 +29,7 @@
 //! | open a trained run and work on it | [`run::OpenRun`] |
 //! | find segments, follow and edit them | [`segment`], [`track`], [`edit`] |
 //! | measure and export | [`metrics`], [`eval`], [`export`] |
-//! | add a loss, encoder, schedule, metric or method of one's own | [`extend`] |
+//! | add a loss, encoder, schedule, metric, source of masks or method of one's own | [`extend`] |
 //!
 //! | feature | default | adds |
 //! |---|---|---|
@@ -57,7 +57,7 @@ pub mod sweep;
 #[cfg(feature = "view")]
 pub mod view;
 
-use volseggs_base::{csv, nesting, registry, terminal};
+use volseggs_base::{csv, nesting, numbers, registry, terminal};
 pub use volseggs_base::{
     draw, durations, files, log, memory, name, points, process, program, report, rng, shell, tensors, user_error,
     versioned, words,

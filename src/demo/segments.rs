@@ -85,13 +85,13 @@ fn save(run: &OpenRun, found: &Segmentation, lifted: Option<Lifted>, time: f64) 
 pub(super) fn segments(run: &OpenRun, data: &Path) -> Result<SegmentStory, String> {
     let scene = &run.scene;
     let truth = Truth::read(data).map_err(|e| e.to_string())?;
-    let mut config = run.config.segment.clone();
-    (config.affinity.steps, config.affinity.pixels) = (STEPS, PIXELS);
     let plan = SegmentOptions {
         methods: vec![Method::Coarse, Method::CoarseFine],
         oracle: false,
         views: MASK_VIEWS,
-        config,
+        fine_steps: Some(STEPS),
+        pixels: Some(PIXELS),
+        segment: run.config.segment.clone(),
         ..SegmentOptions::default()
     };
     let work = AtomicDir::create(&run.paths().eval().join("masks")).map_err(|e| e.to_string())?;

@@ -67,10 +67,7 @@ pub fn psnr_over_time(evaluation: &Evaluation) -> String {
 /// # Errors
 /// If something else is there, or a file cannot be written.
 pub fn write_results(folder: &Path, evaluation: &Evaluation) -> Result<(), WriteError> {
-    if let Some(parent) = folder.parent() {
-        std::fs::create_dir_all(parent).map_err(WriteError::at(parent))?;
-    }
-    let out = AtomicDir::create(folder).map_err(WriteError::at(folder))?;
+    let out = AtomicDir::create_replacing(folder, &KIND, &[])?;
     let write = |name: &str, bytes: &[u8]| std::fs::write(out.dir().join(name), bytes).map_err(WriteError::at(folder));
     let summary: &Summary = &evaluation.summary;
     write("views.csv", to_csv(&evaluation.views).as_bytes())?;

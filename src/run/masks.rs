@@ -10,9 +10,9 @@ use crate::export::images::to_rgb8;
 use crate::files::AtomicDir;
 use crate::memory::{Budget, product};
 use crate::model::HostGaussians;
-use crate::segment::masks::handout::{self, FILE, Handout, HandoutError};
+use crate::segment::masks::handout::{self, FILE, Handout};
 use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
-use crate::segment::masks::origin::{MaskKind, MaskOrigin};
+use crate::segment::masks::registry::{ChosenSource, SourceInput, SourceViews};
 use crate::segment::masks::sheet::overlay;
 use crate::segment::masks::source::{Found, Group};
 use crate::segment::masks::store::MAX_VIEWS;
@@ -34,17 +34,15 @@ const VIEW_BYTES: usize = 1000;
 const PIXEL_BYTES: usize = 100;
 /// Maximum number of such pictures in memory at once.
 const AT_ONCE: usize = 8;
-/// Bytes per point of the grid at which the network is queried.
-const POINT_BYTES: usize = 64;
 
 /// A request for masks.
 #[derive(Clone, Copy, Debug)]
 pub struct MaskRequest<'a> {
-    /// Names of segments; if empty, those of the pictures written for [`MaskKind::Dir`], else all that are not parts of
-    /// another.
+    /// Names of segments; if empty, those of the pictures written for another program if the masks are its, else all
+    /// that are not parts of another.
     pub segments: &'a [String],
     /// What finds the masks.
-    pub kind: &'a MaskKind,
+    pub source: &'a ChosenSource,
     /// Number of views on a Fibonacci sphere, [`VIEWS`] if `None`; for labels, the maximum number of the dataset's
     /// views at that time.
     pub views: Option<usize>,
@@ -64,7 +62,11 @@ pub struct MaskPlan {
     /// Note for the user.
     pub note: Option<String>,
     /// What finds the masks.
-    origin: MaskOrigin,
+    source: ChosenSource,
+    /// Groups that it may know besides these.
+    others: Vec<String>,
+    /// The ground truth and its views, which are those of `shots`, if the masks are label images.
+    labelled: Option<(Truth, Vec<LabelledView>)>,
 }
 
 impl MaskPlan {
@@ -81,17 +83,13 @@ impl MaskPlan {
             let all = product(&[width, height, PIXEL_BYTES * plan.shots.len().min(AT_ONCE) + 3 * shown]);
             budget.check(format!("pictures of {width}x{height} pixels"), all).map_err(RunError::input)?;
         }
-        if let MaskKind::Sam { points, .. } = *request.kind {
-            budget
-                .check(format!("--points {points}"), product(&[points, points, POINT_BYTES]))
-                .map_err(RunError::input)?;
-        }
         Ok(plan)
     }
 
     fn drawn(run: &OpenRun, around: &Surroundings, request: &MaskRequest<'_>) -> Result<Self, RunError> {
         let all = run.segments()?;
-        let handout = matches!(request.kind, MaskKind::Dir(_)).then(|| read_handout(run)).transpose()?;
+        let views = request.source.kind.views();
+        let handout = (views == SourceViews::HandedOut).then(|| read_handout(run)).transpose()?;
         let mut names: Vec<String> = match &handout {
             _ if !request.segments.is_empty() => request.segments.to_vec(),
             Some(list) => list.groups.iter().map(|g| g.name.clone()).collect(),
@@ -109,39 +107,30 @@ impl MaskPlan {
         if let Some(list) = &handout {
             check_groups(run, list, &groups)?;
         }
-        let around = |origin| {
+        let source = request.source.clone();
+        let mut plan = Self { groups, shots: Vec::new(), time, note: None, source, others: Vec::new(), labelled: None };
+        if let Some(list) = handout {
+            plan.time = list.time;
+            plan.others = list.groups.into_iter().map(|g| g.name).filter(|name| !names.contains(name)).collect();
+            plan.shots = list.views;
+        } else if views == SourceViews::Labelled {
+            let (truth, views) = labels(run, request, time)?;
+            plan.time = views.first().map_or(time, |v| v.time);
+            if plan.time != time {
+                plan.note = Some(format!("label images are of time {}, the nearest to {time} that has any", plan.time));
+            }
+            let shot = |v: &LabelledView| Shot { file: v.name.clone(), camera: v.camera.clone() };
+            plan.shots = views.iter().map(shot).collect();
+            plan.labelled = Some((truth, views));
+        } else {
             let views = request.views.unwrap_or(VIEWS);
             if views > MAX_VIEWS {
                 return Err(RunError::input(format!("--views {views}: a mask file holds at most {MAX_VIEWS} views")));
             }
             Budget::now().check(format!("--views {views}"), product(&[views, VIEW_BYTES])).map_err(RunError::input)?;
-            Ok::<_, RunError>((origin, Shot::numbered(training_cameras(views, around.sphere, around.lens))))
-        };
-        let (mut time, mut note) = (time, None);
-        let (origin, shots) = match (request.kind, handout) {
-            (MaskKind::Dir(path), Some(list)) => {
-                time = list.time;
-                let others = list.groups.into_iter().map(|g| g.name).filter(|name| !names.contains(name)).collect();
-                (MaskOrigin::Dir { path: path.clone(), others }, list.views)
-            }
-            (MaskKind::Dir(path), None) => around(MaskOrigin::Dir { path: path.clone(), others: Vec::new() })?,
-            (MaskKind::Labels, _) => {
-                let (truth, views) = labels(run, request, time)?;
-                let found = views.first().map_or(time, |v| v.time);
-                if found != time {
-                    note = Some(format!("label images are of time {found}, the nearest to {time} that has any"));
-                }
-                time = found;
-                let shot = |v: &LabelledView| Shot { file: v.name.clone(), camera: v.camera.clone() };
-                let shots = views.iter().map(shot).collect();
-                (MaskOrigin::Labels(truth, views), shots)
-            }
-            (MaskKind::Regions, _) => around(MaskOrigin::Regions)?,
-            (MaskKind::Sam { weights, points }, _) => {
-                around(MaskOrigin::Sam { weights: weights.clone(), points: *points })?
-            }
-        };
-        Ok(Self { groups, shots, time, note, origin })
+            plan.shots = Shot::numbered(training_cameras(views, around.sphere, around.lens));
+        }
+        Ok(plan)
     }
 
     /// Returns the number of pictures to draw.
@@ -177,15 +166,13 @@ pub struct Made {
 ///
 /// # Errors
 /// If the source cannot be opened or fails, or a file cannot be written.
-pub fn make(
-    run: &OpenRun,
-    plan: &MaskPlan,
-    device: &Device,
-    mut goes_on: impl FnMut() -> bool,
-) -> Result<Option<Made>, RunError> {
+pub fn make(run: &OpenRun, plan: &MaskPlan, mut goes_on: impl FnMut() -> bool) -> Result<Option<Made>, RunError> {
+    let device = &run.device();
     let at = run.scene.host_at(plan.time as f32);
     let job = plan.job(run, &at, device);
-    let source = plan.origin.open(&job).map_err(RunError::input)?;
+    let labelled = plan.labelled.as_ref().map(|(truth, views)| (truth, &views[..]));
+    let input = SourceInput { job: &job, options: &plan.source.options, others: &plan.others, labelled };
+    let source = plan.source.kind.open(&input).map_err(RunError::input)?;
     let every = plan.shots.len().div_ceil(4);
     let mut shown = Vec::new();
     let made = make_masks(&job, source.as_ref(), &run.paths().masks(), |seen, found| {
@@ -209,12 +196,8 @@ pub fn make(
 ///
 /// # Errors
 /// If there are pictures already, or they cannot be written.
-pub fn write_pictures(
-    run: &OpenRun,
-    plan: &MaskPlan,
-    device: &Device,
-    goes_on: impl FnMut() -> bool,
-) -> Result<Option<()>, RunError> {
+pub fn write_pictures(run: &OpenRun, plan: &MaskPlan, goes_on: impl FnMut() -> bool) -> Result<Option<()>, RunError> {
+    let device = &run.device();
     let folder = run.paths().mask_pictures();
     if folder.exists() {
         return Err(RunError::input(format!(
@@ -227,7 +210,7 @@ pub fn write_pictures(
     let building = AtomicDir::create(&folder).map_err(fail)?;
     match handout::write_pictures(&plan.job(run, &at, device), &run.scene.fingerprint(), building.dir(), goes_on) {
         Ok(()) => {}
-        Err(HandoutError::Job(MakeError::Stopped)) => return Ok(None),
+        Err(MakeError::Stopped) => return Ok(None),
         Err(error) => return Err(RunError::failure(error)),
     }
     building.commit().map_err(fail)?;
@@ -261,40 +244,27 @@ fn read_handout(run: &OpenRun) -> Result<Handout, RunError> {
 
 /// Checks that the pictures still show these segments.
 fn check_groups(run: &OpenRun, list: &Handout, groups: &[Group]) -> Result<(), RunError> {
-    let path = run.paths().mask_pictures().join(FILE);
-    let again = "remove the folder, write them again with --pictures and make new masks";
+    let bad = |why: String| {
+        let again = "remove the folder, write them again with --pictures and make new masks";
+        let path = run.paths().mask_pictures().join(FILE);
+        Err(RunError::input(format!("{}: {why}; {again}", path.display())))
+    };
     if list.scene != run.scene.fingerprint() {
-        let why = "the pictures are of another state of this scene (it was trained further since)";
-        return Err(RunError::input(format!("{}: {why}; {again}", path.display())));
+        return bad("the pictures are of another state of this scene (it was trained further since)".to_owned());
     }
-    for group in groups {
-        match list.groups.iter().find(|g| g.name == group.name) {
-            None => {
-                let names: Vec<&str> = list.groups.iter().map(|g| g.name.as_str()).collect();
-                let names = names.join(", ");
-                return Err(RunError::input(format!(
-                    "{}: there are no pictures of {}, only of {names}; {again}",
-                    path.display(),
-                    group.name
-                )));
-            }
-            Some(drawn) if drawn.gaussians != group.members.len() => {
-                return Err(RunError::input(format!(
-                    "{}: segment {} had {} Gaussians when the pictures were written and has {} now; {again}",
-                    path.display(),
-                    group.name,
-                    drawn.gaussians,
-                    group.members.len()
-                )));
-            }
-            Some(drawn) if drawn.members != members_key(&group.members) => {
-                return Err(RunError::input(format!(
-                    "{}: segment {} has other Gaussians now than when the pictures were written; {again}",
-                    path.display(),
-                    group.name
-                )));
-            }
-            Some(_) => {}
+    for Group { name, members } in groups {
+        let Some(drawn) = list.groups.iter().find(|g| g.name == *name) else {
+            let names: Vec<&str> = list.groups.iter().map(|g| g.name.as_str()).collect();
+            return bad(format!("there are no pictures of {name}, only of {}", names.join(", ")));
+        };
+        let (before, now) = (drawn.gaussians, members.len());
+        if before != now {
+            return bad(format!(
+                "segment {name} had {before} Gaussians when the pictures were written and has {now} now"
+            ));
+        }
+        if drawn.members != members_key(members) {
+            return bad(format!("segment {name} has other Gaussians now than when the pictures were written"));
         }
     }
     Ok(())
@@ -309,14 +279,6 @@ fn make_error(error: MakeError) -> RunError {
 }
 
 fn outlined(picture: &Picture, found: &[Found]) -> RgbImage {
-    let rgba: Vec<u8> = to_rgb8(&picture.rgba, picture.width, picture.height)
-        .pixels()
-        .flat_map(|p| [p.0[0], p.0[1], p.0[2], 255])
-        .collect();
     let masks: Vec<_> = found.iter().map(|f| f.mask.clone()).collect();
-    let out = overlay(picture.width as u32, picture.height as u32, &rgba, &masks);
-    RgbImage::from_fn(out.width, out.height, |x, y| {
-        let at = 4 * (y * out.width + x) as usize;
-        image::Rgb([out.rgba[at], out.rgba[at + 1], out.rgba[at + 2]])
-    })
+    overlay(to_rgb8(&picture.rgba, picture.width, picture.height), &masks)
 }

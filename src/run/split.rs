@@ -7,6 +7,7 @@ use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
 use crate::model::{HostGaussians, ToKernel};
 use crate::name::Name;
+use crate::numbers::{count, fraction_f32};
 use crate::points::PointsError;
 use crate::segment::fine::extract::{Clustering, cluster};
 use crate::segment::fine::network::FEATURES;
@@ -14,21 +15,26 @@ use crate::segment::paint::flat;
 use crate::segment::pictures::draw_each;
 use crate::segment::pieces::without_strays;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
+use clap::Args;
 use image::RgbImage;
 
 /// Colour, in the picture, of Gaussians that are in no part.
 const NO_PART: [f32; 3] = [0.5; 3];
 
 /// How to split a segment.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Args)]
 pub struct SplitOptions {
     /// Mask scale in [0, 1], from small parts to large ones.
+    #[arg(long, default_value_t = 0.5, value_parser = fraction_f32)]
     pub scale: f32,
-    /// Number of parts; if `None`, it follows from the density of the features.
+    /// Number of parts; determined from the density of the features if not given.
+    #[arg(long, value_name = "K", value_parser = count)]
     pub clusters: Option<usize>,
     /// Seed of the clustering.
+    #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// Whether segments picked in the parts of an earlier split may be removed.
+    /// Also remove segments that were picked in the parts of an earlier split.
+    #[arg(long)]
     pub replace: bool,
 }
 

@@ -1,8 +1,8 @@
 //! Digests of the files that runs are measured with: weights of networks and masks of other programs. Their names do
 //! not tell when they are replaced.
 
-use super::spec::SegmentSpec;
-use crate::segment::masks::sam::checkpoint;
+use crate::eval::segments::SegmentOptions;
+use crate::segment::masks::registry::{MASK_SOURCES, SourceOption};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -22,20 +22,17 @@ impl Contents {
     /// The key of a file that cannot be read, and why.
     pub(super) fn read<'a>(
         lpips: &[PathBuf],
-        specs: impl Iterator<Item = &'a SegmentSpec>,
+        specs: impl Iterator<Item = &'a SegmentOptions>,
     ) -> Result<Self, (String, String)> {
         let mut contents = Self::default();
         for path in lpips {
             contents.add("eval.lpips_weights", path, path)?;
         }
         for spec in specs {
-            if let Some(path) = &spec.mask_dir {
-                contents.add("segments.mask_dir", path, path)?;
-            }
-            if let Some(name) = sam(spec) {
-                let key = "segments.sam_weights";
-                let file = checkpoint::locate(spec.sam_weights.as_deref());
-                contents.add(key, name, &file.map_err(|e| (key.to_owned(), e.to_string()))?)?;
+            let source = spec.source().map_err(|e| ("segments".to_owned(), e.to_string()))?;
+            let places = [&source.options.path, &source.options.weights].into_iter().flatten();
+            for ((key, name), place) in files(spec).into_iter().zip(places) {
+                contents.add(key, name, place)?;
             }
         }
         Ok(contents)
@@ -56,8 +53,8 @@ impl Contents {
     }
 
     /// The digests of the files that `spec` names as text, empty if it names none.
-    pub(super) fn of_segments(&self, spec: &SegmentSpec) -> String {
-        self.text(spec.mask_dir.as_deref().into_iter().chain(sam(spec)))
+    pub(super) fn of_segments(&self, spec: &SegmentOptions) -> String {
+        self.text(files(spec).into_iter().map(|(_, name)| name))
     }
 
     fn text<'a>(&self, names: impl Iterator<Item = &'a Path>) -> String {
@@ -65,11 +62,15 @@ impl Contents {
     }
 }
 
-/// What the weights of `masks = "sam"` are called here; those of the cache folder by their name alone, as each machine
-/// has its own folder.
-fn sam(spec: &SegmentSpec) -> Option<&Path> {
-    let own = spec.sam_weights.as_deref();
-    (spec.masks == "sam").then(|| own.unwrap_or(Path::new(checkpoint::FILE_NAME)))
+/// The files that the masks of `spec` are made from: the key of each, and what it is called here. Weights that the source
+/// finds by itself have its name, as each machine has its own folder for them.
+fn files(spec: &SegmentOptions) -> Vec<(&'static str, &Path)> {
+    let kind = MASK_SOURCES.get(&spec.masks);
+    let reads = |option| kind.as_ref().is_ok_and(|kind| kind.reads().contains(&option));
+    let weights = || spec.sam_weights.as_deref().unwrap_or(Path::new(&spec.masks));
+    let path = spec.mask_dir.as_deref().filter(|_| reads(SourceOption::Path)).map(|path| ("segments.mask_dir", path));
+    let weights = reads(SourceOption::Weights).then(|| ("segments.sam_weights", weights()));
+    path.into_iter().chain(weights).collect()
 }
 
 /// The 128-bit XXH3 hash of a file, or of the sorted names and the hashes of the masks in a folder.

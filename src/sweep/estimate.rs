@@ -7,8 +7,8 @@ use super::datasets::DataPlan;
 use super::file::EvalSpec;
 use super::plan::{Plan, Run};
 use super::result::{Progress, progress, read, read_segments, segments_path};
-use super::spec::SegmentSpec;
 use crate::config::types::Config;
+use crate::eval::segments::{Method, SegmentOptions};
 use crate::files::RunPaths;
 use crate::method::{self, GaussianWork, Work};
 use crate::train::budget::max_gaussians;
@@ -153,16 +153,17 @@ fn of_gaussians(config: &Config, work: GaussianWork, pixels: f64) -> Share {
 }
 
 /// Estimates the seconds of CPU time that segments of a run of `config` on `data` take, measured as `spec` specifies.
-fn segmentation(spec: &SegmentSpec, config: &Config, data: &DataPlan) -> f64 {
+fn segmentation(spec: &SegmentOptions, config: &Config, data: &DataPlan) -> f64 {
     let affinity = spec.config().affinity;
     let (fine, saga) = (affinity.steps as f64 * affinity.pixels as f64 / FINE_PIXELS, spec.saga_steps as f64);
-    let per_gaussian = match spec.method.as_str() {
-        "fine" => fine * PER_FINE,
-        "coarse+fine" => fine * PER_FINE_COLOUR,
-        "saga" => saga * PER_SAGA,
+    let per_gaussian = spec.methods.iter().map(|method| match method {
+        Method::Fine => fine * PER_FINE,
+        Method::CoarseFine => fine * PER_FINE_COLOUR,
+        Method::Saga => saga * PER_SAGA,
         // colours and votes are not trained
-        _ => 0.0,
-    };
+        Method::Coarse | Method::Sagd => 0.0,
+    });
+    let per_gaussian: f64 = per_gaussian.sum();
     let pixels = spec.views as f64 * f64::from(data.size[0]) * f64::from(data.size[1]);
     let oracle = if spec.oracle { PER_PIXEL_ORACLE } else { 0.0 };
     max_gaussians(config) as f64 * per_gaussian + pixels * (PER_PIXEL_MASKS + oracle)
@@ -296,14 +297,14 @@ mod tests {
         let data = plan.datasets.values().next().unwrap();
         let n = max_gaussians(&config) as f64 / 12_000.0;
         for (method, oracle, expected) in [
-            ("coarse+fine", false, 26.0 * n + 15.0),
-            ("fine", true, 80.0 * n + 35.0),
-            ("saga", false, 100.0 * n + 15.0),
-            ("coarse", true, 35.0),
+            (Method::CoarseFine, false, 26.0 * n + 15.0),
+            (Method::Fine, true, 80.0 * n + 35.0),
+            (Method::Saga, false, 100.0 * n + 15.0),
+            (Method::Coarse, true, 35.0),
         ] {
-            let method = method.to_owned();
-            let steps = SegmentSpec { fine_steps: Some(1500), saga_steps: 500, views: 30, ..SegmentSpec::default() };
-            let found = segmentation(&SegmentSpec { method, oracle, ..steps }, &config, data);
+            let steps =
+                SegmentOptions { fine_steps: Some(1500), saga_steps: 500, views: 30, ..SegmentOptions::default() };
+            let found = segmentation(&SegmentOptions { methods: vec![method], oracle, ..steps }, &config, data);
             assert!((found - expected).abs() < 1e-6 * expected, "{found} {expected}");
         }
         let spec = &plan.runs[0].segments[0];

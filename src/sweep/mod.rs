@@ -34,7 +34,6 @@ pub mod plan;
 mod resolve;
 pub mod result;
 pub mod slurm;
-pub mod spec;
 pub mod work;
 
 pub use contents::Contents;

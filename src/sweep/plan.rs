@@ -13,9 +13,9 @@ use super::datasets::{DataPlan, check_truth, datasets, fingerprint};
 use super::file::{EvalSpec, HalvingSpec, SweepFile, name_of};
 use super::key::{key, recipe, short_hash};
 use super::resolve::{Base, Resolved};
-use super::spec::SegmentSpec;
 use crate::compare::PaperTable;
 use crate::compare::metric::metric;
+use crate::eval::segments::SegmentOptions;
 use crate::memory::Budget;
 use crate::method;
 use crate::program;
@@ -112,7 +112,7 @@ pub struct Run {
     /// Steps of the whole training.
     pub steps: usize,
     /// Measurements of segments.
-    pub segments: Vec<SegmentSpec>,
+    pub segments: Vec<SegmentOptions>,
 }
 
 /// One variant on one dataset and device with one seed.

@@ -346,7 +346,7 @@ fn changed_test_views_or_ground_truth_are_measured_again_without_training() {
     std::fs::write(&path, format!("config = 'demo'\n[data]\nballs = '{}'\n", data.path().display())).unwrap();
     let places = || {
         let plan = Plan::new(&path, &PlanOptions { out: dir.path().into(), ..PlanOptions::default() }).unwrap();
-        let (metrics, segments) = (metrics_path(&plan, 0), segments_path(&plan, 0, &SegmentSpec::default()));
+        let (metrics, segments) = (metrics_path(&plan, 0), segments_path(&plan, 0, &SegmentOptions::default()));
         (plan.runs[0].key.clone(), metrics, segments)
     };
     let before = places();

@@ -7,9 +7,9 @@ use super::SweepError;
 use super::axes::{Settings, Variant, flatten};
 use super::file::SweepFile;
 use super::plan::PlanOptions;
-use super::spec::SegmentSpec;
 use crate::config::types::{Config, SegmentConfig, segment::SECTION as SEGMENT};
 use crate::config::{PRESET_IF_NONE_GIVEN, RESERVED_VARIABLES};
+use crate::eval::segments::SegmentOptions;
 use crate::method;
 use crate::words::plain;
 use std::path::Path;
@@ -30,7 +30,7 @@ pub(super) struct Resolved {
     pub config: Config,
     /// The same as TOML text, with every key but those of segmentation.
     pub toml: String,
-    pub segments: Option<SegmentSpec>,
+    pub segments: Option<SegmentOptions>,
 }
 
 impl Base<'_> {
@@ -54,7 +54,7 @@ impl Base<'_> {
         let config = &resolved.value.segment;
         let segments = self.segments(&set, &variant.settings, config).map_err(&bad)?;
         if let Some(spec) = &segments {
-            spec.options(seed).map_err(&bad)?;
+            spec.check().map_err(|e| bad(e.to_string()))?;
             let name = &resolved.value.method;
             if !method::find(name).map_err(&bad)?.has_persistent_gaussians() {
                 return Err(bad(format!("segments: the method {name} has no Gaussians that stay the same over time")));
@@ -69,7 +69,7 @@ impl Base<'_> {
         set: &Settings,
         variant: &Settings,
         config: &SegmentConfig,
-    ) -> Result<Option<SegmentSpec>, String> {
+    ) -> Result<Option<SegmentOptions>, String> {
         let mut table = self.file.segments.clone();
         let command_line = self.options.set.iter().filter_map(|s| {
             let (key, value) = s.split_once('=')?;
@@ -87,11 +87,13 @@ impl Base<'_> {
                 return Err("segments.segment: options of segmentation have keys of their own, segment.*".to_owned());
             }
             let spec = t.clone().try_into();
-            let mut spec: SegmentSpec =
+            let mut spec: SegmentOptions =
                 spec.map_err(|e: toml::de::Error| format!("{}: {}", wrong_key(&t), plain(e.message())))?;
             spec.segment = config.clone();
             let base = self.path.parent().unwrap_or(Path::new(""));
-            spec.place(base).map_err(|e| format!("segments: {e}"))?;
+            for path in [&mut spec.mask_dir, &mut spec.sam_weights].into_iter().flatten() {
+                *path = std::path::absolute(base.join(&*path)).map_err(|e| format!("segments: {e}"))?;
+            }
             Ok::<_, String>(spec)
         };
         table.map(read).transpose()
@@ -101,7 +103,7 @@ impl Base<'_> {
 /// Names the key because of which `table` is no section `[segments]`; the errors of the parser do not.
 fn wrong_key(table: &Table) -> String {
     let alone = |(key, value): &(&String, &Value)| Table::from_iter([((*key).clone(), (*value).clone())]);
-    let wrong = table.iter().find(|entry| alone(entry).try_into::<SegmentSpec>().is_err());
+    let wrong = table.iter().find(|entry| alone(entry).try_into::<SegmentOptions>().is_err());
     wrong.map_or_else(|| SEGMENTS.trim_end_matches('.').to_owned(), |(key, _)| format!("{SEGMENTS}{key}"))
 }
 

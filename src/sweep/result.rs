@@ -2,8 +2,8 @@
 
 use super::key::short_hash;
 use super::plan::Plan;
-use super::spec::SegmentSpec;
 use crate::compare::curves;
+use crate::eval::segments::SegmentOptions;
 use crate::files::{read_text, write_atomic};
 use crate::program;
 use crate::versioned::{self, VersionedError};
@@ -62,11 +62,11 @@ pub fn metrics_in(plan: &Plan, index: usize, folder: &Path) -> PathBuf {
 
 /// Path of the metrics by segment of run `index`, measured as `spec` specifies, in its folder.
 #[must_use]
-pub fn segments_path(plan: &Plan, index: usize, spec: &SegmentSpec) -> PathBuf {
+pub fn segments_path(plan: &Plan, index: usize, spec: &SegmentOptions) -> PathBuf {
     segments_in(plan, index, spec, &plan.run_folder(index))
 }
 
-fn segments_in(plan: &Plan, index: usize, spec: &SegmentSpec, folder: &Path) -> PathBuf {
+fn segments_in(plan: &Plan, index: usize, spec: &SegmentOptions, folder: &Path) -> PathBuf {
     // the LPIPS weights are those of the evaluation
     let lpips = &plan.eval.lpips_weights;
     let contents = plan.contents.of_lpips(lpips) + &plan.contents.of_segments(spec);

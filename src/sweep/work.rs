@@ -10,7 +10,7 @@ use super::result::{
 use crate::config::types::Config;
 use crate::data::{SplitName, Truth};
 use crate::device::DeviceName;
-use crate::eval::segments;
+use crate::eval::segments::{self, SegmentOptions};
 use crate::files::{AtomicDir, LockError, RunLock, RunPaths, Work};
 use crate::metrics::lpips::Lpips;
 use crate::run::measure::{MeasuredOn, measure};
@@ -199,7 +199,7 @@ impl Worker<'_> {
 
     fn segments(
         &self,
-        spec: &super::spec::SegmentSpec,
+        spec: &SegmentOptions,
         seed: u64,
         data: &Path,
         trained: &OpenRun,
@@ -209,7 +209,7 @@ impl Worker<'_> {
         if read_segments(&path).is_some() {
             return Ok(());
         }
-        let options = spec.options(seed).map_err(failed("segments"))?;
+        let options = SegmentOptions { seed, ..spec.clone() };
         let truth = Truth::read(data).map_err(failed("segments"))?;
         let widening = trained.widening();
         // never committed: it is removed when this ends, or now if an earlier process was killed

@@ -1,6 +1,9 @@
 //! The files of the page in the browser, which are embedded in the program. Its declarations of types, `tsconfig.json`
 //! and `package.json` are for checks and tests only.
 
+use super::jobs::task::mask_sources;
+use std::borrow::Cow;
+
 /// A file of the page.
 #[derive(Clone, Copy, Debug)]
 pub struct PageFile {
@@ -34,6 +37,22 @@ pub const FILES: [PageFile; 3] = files![
     "/style.css" "text/css; charset=utf-8" "style.css",
     "/icon.svg" "image/svg+xml" "icon.svg",
 ];
+
+/// Returns the bytes of one of the [`FILES`] as it is sent: the page lists the mask sources that can be chosen.
+#[must_use]
+pub fn filled(file: &PageFile) -> Cow<'static, [u8]> {
+    let text = match std::str::from_utf8(file.bytes) {
+        Ok(text) if text.contains(MASK_SOURCES) => text,
+        _ => return Cow::Borrowed(file.bytes),
+    };
+    // the names consist of letters, digits, `-` and `_`
+    let option = |name: String| format!("<option value=\"{name}\">{name}</option>");
+    let options: String = mask_sources().into_iter().map(option).collect();
+    Cow::Owned(text.replace(MASK_SOURCES, &options).into_bytes())
+}
+
+/// Where the page lists the mask sources.
+const MASK_SOURCES: &str = "<!-- mask sources -->";
 
 /// The modules of the page's script.
 pub const MODULES: [PageFile; 33] = modules![
@@ -80,6 +99,12 @@ mod tests {
     fn the_page_is_small() {
         let bytes: usize = FILES.iter().chain(&MODULES).map(|f| f.bytes.len()).sum();
         assert!(bytes <= 250_000, "{bytes} bytes");
+    }
+
+    #[test]
+    fn the_page_lists_the_mask_sources() {
+        let page = String::from_utf8(filled(&FILES[0]).into_owned()).unwrap();
+        assert!(page.contains("<option value=\"labels\">labels</option>") && !page.contains(MASK_SOURCES));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::auth::{Guard, name_of};
 use super::hub::{ClientId, Event, Hub, Outgoing};
-use super::page::{FILES, MODULES, PageFile};
+use super::page::{FILES, MODULES, filled};
 use super::protocol::{Answer, FrameInfo, LONGEST, Request};
 use crate::words::plain;
 use axum::Router;
@@ -70,9 +70,10 @@ impl Shared {
 /// Returns the routes.
 pub fn router(shared: Shared) -> Router {
     let mut router = Router::new().route("/ws", get(socket)).route("/host", get(host));
-    for PageFile { path, media_type, bytes } in FILES.into_iter().chain(MODULES) {
-        let file = move || async move { ([(header::CONTENT_TYPE, media_type)], bytes) };
-        router = router.route(path, get(file));
+    for file in FILES.into_iter().chain(MODULES) {
+        let bytes = Bytes::from(filled(&file).into_owned());
+        let send = move || async move { ([(header::CONTENT_TYPE, file.media_type)], bytes) };
+        router = router.route(file.path, get(send));
     }
     router.layer(from_fn_with_state(shared.clone(), admit)).with_state(shared)
 }

@@ -6,7 +6,7 @@ use image::Luma;
 use std::path::Path;
 use volseggs::model::ToKernel;
 use volseggs::segment::masks::handout::{self, Handout};
-use volseggs::segment::masks::source::foreign::Foreign;
+use volseggs::segment::masks::source::dir::Foreign;
 use volseggs::segment::masks::source::{MaskSource, Seen};
 use volseggs::segment::masks::{Annotation, Header, Mask, MaskReader, MaskWriter, View, rle};
 use volseggs::segment::pictures::Picture;

@@ -8,7 +8,7 @@ use volseggs::config::types::Config;
 use volseggs::data::Transforms;
 use volseggs::edit::EditStack;
 use volseggs::segment::masks::MaskReader;
-use volseggs::segment::masks::source::foreign::Foreign;
+use volseggs::segment::masks::source::dir::Foreign;
 use volseggs::sweep::file::SweepFile;
 use volseggs::volume::formats;
 use volseggs::volume::transfer::TransferFunction;

@@ -14,6 +14,7 @@ pub mod log;
 pub mod memory;
 pub mod name;
 pub mod nesting;
+pub mod numbers;
 pub mod points;
 pub mod process;
 pub mod program;

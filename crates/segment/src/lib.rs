@@ -30,6 +30,6 @@ pub mod edit;
 pub mod segment;
 pub mod track;
 
-use volseggs_base::{csv, draw, files, memory, name, points, rng, tensors, versioned, words};
+use volseggs_base::{csv, draw, files, memory, name, points, registry, rng, tensors, versioned, words};
 use volseggs_core::{config, device, export, model, train};
 use volseggs_volume::{data, volume};

@@ -5,19 +5,19 @@ use super::super::data::DataArgs;
 use super::super::settings::SegmentSettings;
 use super::super::time::TimeArg;
 use super::super::values::{count, pixels};
-use super::super::{CliError, Common, command_line, print_json, stop_flag};
+use super::super::{CliError, Common, print_json, stop_flag};
 use crate::durations::rough_duration;
+use crate::eval::segments::mask_source_names;
 use crate::files::Work;
 use crate::log::progress;
 use crate::run::OpenRun;
 use crate::run::cameras::check_lens;
 use crate::run::masks::{Made, MaskPlan, MaskRequest, make, write_pictures};
-use crate::segment::masks::origin::{MaskKind, SAM_POINTS};
-use crate::segment::masks::sam::checkpoint;
-use crate::segment::masks::source::sam::SamSource;
+use crate::segment::masks::registry::{
+    self, ChooseSourceError, ChosenSource, MASK_SOURCES, SourceOption, SourceOptions, SourceViews,
+};
 use crate::shell;
-use burn::tensor::Device;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
@@ -33,8 +33,8 @@ pub struct MasksArgs {
     #[arg(long = "segment", value_name = "NAME")]
     segments: Vec<String>,
     /// How masks are found.
-    #[arg(long, value_enum, default_value_t = Kind::Regions)]
-    source: Kind,
+    #[arg(long, value_parser = mask_source_names(), default_value = registry::DEFAULT)]
+    source: String,
     /// Number of views on a Fibonacci sphere [default: 30]; for labels: number of the dataset's training views at that
     /// time, all if not given, with its test views at that time if there are fewer.
     #[arg(long, value_parser = count)]
@@ -68,25 +68,10 @@ pub struct MasksArgs {
     common: Common,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Kind {
-    /// Regions between discontinuities of colour, alpha and depth.
-    Regions,
-    /// The dataset's label images, at the time nearest to the given one.
-    Labels,
-    /// Masks made by another program.
-    Dir,
-    /// MobileSAM.
-    Sam,
-}
-
 impl MasksArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        self.check()?;
-        let kind = self.kind()?;
-        let (_, device) = self.common.device()?;
-        let run = self.data.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long)?)?;
-        let run = self.settings.of(run)?;
+        let source = self.source()?;
+        let run = self.settings.of(self.data.of(self.common.open_to_write(&self.run, Work::Long)?)?)?;
         let path = run.paths().masks();
         if path.exists() && !self.pictures && !self.replace {
             return Err(CliError::input(format!(
@@ -96,7 +81,7 @@ impl MasksArgs {
         }
         let request = MaskRequest {
             segments: &self.segments,
-            kind: &kind,
+            source: &source,
             views: self.views,
             time: self.time.map(|time| time.of("--time", run.calibration())).transpose()?,
         };
@@ -109,19 +94,19 @@ impl MasksArgs {
             errln!("{note}");
         }
         if self.pictures {
-            return self.write_pictures(&run, &plan, &device);
+            return self.write_pictures(&run, &plan);
         }
-        if let MaskKind::Sam { points, .. } = kind {
-            let pictures = plan.pictures();
+        let pictures = plan.pictures();
+        if let Some(seconds) = source.kind.seconds(pictures, &source.options) {
+            let points = source.options.points.map(|n| format!(" with {n}x{n} points each")).unwrap_or_default();
             errln!(
-                "{pictures} pictures with {points}x{points} points each: about {} on two cores; fewer --points or \
-                 --views are faster",
-                rough_duration(SamSource::seconds(pictures, points))
+                "{pictures} pictures{points}: about {} on two cores; fewer --points or --views are faster",
+                rough_duration(seconds)
             );
         }
         let stop = stop_flag("stopping; any existing masks are kept")?;
-        let bar = progress::bar(plan.pictures(), "pictures");
-        let made = make(&run, &plan, &device, || {
+        let bar = progress::bar(pictures, "pictures");
+        let made = make(&run, &plan, || {
             bar.inc(1);
             !stop.load(Ordering::Relaxed)
         })?;
@@ -140,65 +125,56 @@ impl MasksArgs {
         Ok(())
     }
 
-    /// The mask source with its files; resolved first, so that a missing file is reported at once.
-    fn kind(&self) -> Result<MaskKind, CliError> {
-        Ok(match (self.source, &self.masks) {
-            (Kind::Regions, _) => MaskKind::Regions,
-            (Kind::Labels, _) => MaskKind::Labels,
-            (Kind::Dir, Some(path)) => MaskKind::Dir(path.clone()),
-            (Kind::Dir, None) => {
-                return Err(CliError::input("--source dir: name the folder or COCO file with --masks PATH"));
-            }
-            (Kind::Sam, _) => MaskKind::Sam {
-                weights: checkpoint::locate(self.sam_weights.as_deref()).map_err(CliError::input)?,
-                points: self.points.unwrap_or(SAM_POINTS),
-            },
-        })
-    }
-
-    /// Checks what can be checked without the run.
-    fn check(&self) -> Result<(), CliError> {
-        let source = self.source;
-        let name = source.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default();
-        for (given, option, of) in [
-            (self.masks.is_some(), "--masks", Kind::Dir),
-            (self.sam_weights.is_some(), "--sam-weights", Kind::Sam),
-            (self.points.is_some(), "--points", Kind::Sam),
-        ] {
-            if given && source != of {
-                let of = of.to_possible_value().map(|v| v.get_name().to_owned()).unwrap_or_default();
-                return Err(CliError::input(format!("{option} is for --source {of}, not --source {name}")));
-            }
-        }
-        let refuse = |given: bool, option: &str, why: &str| {
-            if given {
-                Err(CliError::input(format!("{option} cannot be combined with --source {name}: {why}")))
-            } else {
-                Ok(())
-            }
+    /// The mask source with its files, after a check of all that can be checked without the run: a missing file is
+    /// reported at once.
+    fn source(&self) -> Result<ChosenSource, CliError> {
+        let name = &self.source;
+        let options =
+            SourceOptions { path: self.masks.clone(), weights: self.sam_weights.clone(), points: self.points };
+        let refuse = |given: bool, option: &str, why: &str| match given {
+            true => Err(CliError::input(format!("{option} cannot be combined with --source {name}: {why}"))),
+            false => Ok(()),
         };
-        match source {
-            Kind::Labels => refuse(self.size.is_some(), "--size", "views are as large as the dataset's images")?,
-            Kind::Dir => {
+        match MASK_SOURCES.get(name).map(|kind| kind.views()) {
+            Ok(SourceViews::Labelled) => {
+                refuse(self.size.is_some(), "--size", "views are as large as the dataset's images")?;
+            }
+            Ok(SourceViews::HandedOut) => {
                 let why = "views, size and time are those of the pictures that --pictures wrote";
                 refuse(self.views.is_some(), "--views", why)?;
                 refuse(self.size.is_some(), "--size", why)?;
                 refuse(self.time.is_some(), "--time", why)?;
             }
-            Kind::Regions | Kind::Sam => {}
+            Ok(SourceViews::Around) | Err(_) => {}
         }
-        if self.pictures && source != Kind::Regions {
+        if self.pictures && name != registry::DEFAULT {
             return Err(CliError::input("--pictures makes no masks; omit --source, and give it once the masks exist"));
         }
-        Ok(())
+        let flag = |option| match option {
+            SourceOption::Path => "--masks",
+            SourceOption::Weights => "--sam-weights",
+            SourceOption::Points => "--points",
+        };
+        ChosenSource::new(name, options).map_err(|error| {
+            CliError::input(match error {
+                ChooseSourceError::Unknown { .. } => format!("--source: {error}"),
+                ChooseSourceError::NotRead { option, by } => {
+                    format!("{} is for --source {by}, not --source {name}", flag(option))
+                }
+                ChooseSourceError::Missing { option, what } => {
+                    format!("--source {name}: name {what} with {} PATH", flag(option))
+                }
+                ChooseSourceError::Unusable { option, problem } => format!("{}: {problem}", flag(option)),
+            })
+        })
     }
 
     /// Writes the pictures for another program.
-    fn write_pictures(&self, run: &OpenRun, plan: &MaskPlan, device: &Device) -> Result<(), CliError> {
+    fn write_pictures(&self, run: &OpenRun, plan: &MaskPlan) -> Result<(), CliError> {
         let stop = stop_flag("stopping; nothing is written")?;
         let (count, folder) = (plan.pictures(), run.paths().mask_pictures());
         let bar = progress::bar(count, "pictures");
-        let done = write_pictures(run, plan, device, || {
+        let done = write_pictures(run, plan, || {
             bar.inc(1);
             !stop.load(Ordering::Relaxed)
         })?;

@@ -3,7 +3,6 @@
 use super::super::camera::surroundings;
 use super::super::data::DataArgs;
 use super::super::settings::SegmentSettings;
-use super::super::values::{count, fraction_f32};
 use super::super::{CliError, Common, print_json};
 use crate::files::Work;
 use crate::run::segments::{RunSegments, write_picture};
@@ -22,21 +21,11 @@ pub struct SplitArgs {
     run: PathBuf,
     /// Segment to split.
     segment: String,
-    /// Mask scale in [0, 1], from small parts to large ones.
-    #[arg(long, default_value_t = 0.5, value_parser = fraction_f32)]
-    scale: f32,
-    /// Number of parts; determined from the density of the features if not given.
-    #[arg(long, value_name = "K", value_parser = count)]
-    clusters: Option<usize>,
+    #[command(flatten)]
+    options: SplitOptions,
     /// Keep small pieces that do not touch the rest of their part (`segment.pieces.strays = false`).
     #[arg(long)]
     keep_strays: bool,
-    /// Seed of the clustering.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
-    /// Also remove segments that were picked in the parts of an earlier split.
-    #[arg(long)]
-    replace: bool,
     #[command(flatten)]
     settings: SegmentSettings,
     #[command(flatten)]
@@ -52,9 +41,7 @@ impl SplitArgs {
         run.config.segment.pieces.strays &= !self.keep_strays;
         let around = surroundings(&run, None);
         let mut segments = RunSegments::open(&run)?;
-        let options =
-            SplitOptions { scale: self.scale, clusters: self.clusters, seed: self.seed, replace: self.replace };
-        let parts = split(&run, &mut segments, &self.segment, &options, &|| true)?;
+        let parts = split(&run, &mut segments, &self.segment, &self.options, &|| true)?;
         let parts = parts.ok_or_else(|| CliError::failure("stopped; nothing was written"))?;
         segments.save()?;
         let path = run.paths().segment_sheet(&self.segment);

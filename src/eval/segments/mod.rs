@@ -23,7 +23,7 @@ mod truth;
 mod volume;
 
 pub use method::Method;
-pub use options::{SegmentEvalError, SegmentOptions};
+pub use options::{SegmentEvalError, SegmentOptionError, SegmentOptions, mask_source_names};
 pub use result::{Means, MethodMeans, Outcome, Row, SegmentEvaluation, SegmentResult, VolumeScore};
 pub use run::evaluate_segments;
 pub use setting::TRIES;

@@ -129,7 +129,8 @@ impl Outcome {
     }
 }
 
-fn nearest<T>(rows: &[T], time: f64, of: impl Fn(&T) -> f64) -> Option<&T> {
+/// Returns the row whose time is nearest to `time`, the first of equals; `None` if there are no rows.
+pub(super) fn nearest<T>(rows: &[T], time: f64, of: impl Fn(&T) -> f64) -> Option<&T> {
     rows.iter().min_by(|a, b| (of(a) - time).abs().total_cmp(&(of(b) - time).abs()))
 }
 
@@ -207,7 +208,7 @@ pub struct SegmentEvaluation {
     /// Time of the clicks.
     pub time: f64,
     /// Source of the masks.
-    pub masks: &'static str,
+    pub masks: String,
     /// Number of views with masks.
     pub mask_views: usize,
     /// Seed of clusters and fields.

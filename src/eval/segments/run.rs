@@ -6,7 +6,7 @@ use super::method::Method;
 use super::options::{SegmentEvalError, SegmentOptions};
 use super::oracle;
 use super::prompt::Prompt;
-use super::result::{Outcome, SegmentEvaluation, SegmentResult, VolumeScore};
+use super::result::{Outcome, SegmentEvaluation, SegmentResult, VolumeScore, nearest};
 use super::select::{Chosen, Scenery, fixed};
 use super::setting::{Setting, TRIES};
 use super::target::{Target, targets};
@@ -41,24 +41,21 @@ pub fn evaluate_segments(
 ) -> Result<(SegmentEvaluation, Trained), SegmentEvalError> {
     let views = labelled(truth, options.time)?;
     let time = views.first().map_or(options.time, |v| v.view.time);
-    let targets = targets(truth, &options.segments, &options.unions, time)?;
+    let (source, config) = (options.check()?, options.config());
+    let targets = targets(truth, &options.only, &options.unions, time)?;
     let device = scene.gaussians.means.val().device();
     let at = scene.host_at(time as f32);
-    let trainers = Trainers { scene, truth, at: &at, views: &views, options, device: &device };
+    let (config, source) = (&config, &source);
+    let trainers = Trainers { scene, truth, at: &at, views: &views, options, config, source, device: &device };
     let trained = trainers.train(time, work, &mut say)?;
-    let scenery = Scenery { at: &at, trained: &trained, config: &options.config };
+    let scenery = Scenery { at: &at, trained: &trained, config };
 
     let (mut clicked, mut not_seen) = (Vec::new(), Vec::new());
     for target in &targets {
         say(&format!("segment {}: clicks", target.name));
-        let prompt = Prompt::new(
-            &views,
-            &target.ids,
-            (&at, scene.spec.rendering()),
-            (options.clicks, &options.config.click),
-            &device,
-        )
-        .map_err(|e| e.to_string())?;
+        let prompt =
+            Prompt::new(&views, &target.ids, (&at, scene.spec.rendering()), (options.clicks, &config.click), &device)
+                .map_err(|e| e.to_string())?;
         let Some(prompt) = prompt else {
             say(&format!(
                 "segment {}: not visible at time {time:.3}, so it cannot be clicked; try another --time",
@@ -79,7 +76,7 @@ pub fn evaluate_segments(
     let mut evaluation = SegmentEvaluation {
         data: DataId::default(),
         time,
-        masks: options.masks.name(),
+        masks: options.masks.clone(),
         mask_views: trainers.mask_views(),
         seed: options.seed,
         oracle_tries: if options.oracle { TRIES } else { 0 },
@@ -104,7 +101,7 @@ pub fn evaluate_segments(
         say(&format!("IoU in space at time {volume_time:.3}"));
         let volume = truth.volume(volume_time)?;
         let cells = Cells::new(&volume, deformed.at(volume_time), widening).map_err(|e| e.to_string())?;
-        if nearest(volume_times.iter().copied(), time) == Some(volume_time) {
+        if nearest(&volume_times, time, |t| *t) == Some(&volume_time) {
             evaluation.labelled_share = cells.labelled_share();
         }
         volumes.push(in_space(truth, &cells, [time, volume_time], &clicked)?);
@@ -182,7 +179,7 @@ fn choose(
     options: &SegmentOptions,
     (scene, time): (&Scene, f64),
 ) -> Result<Choice, SegmentEvalError> {
-    let setting = Setting::fixed(method, &options.config);
+    let setting = Setting::fixed(method, scenery.config);
     let next = |members: &[u32]| prompt.next(&oracle::flags(members, scenery.at.len()));
     let mut fixed = fixed(scenery, (method, &setting), prompt.first(), options.clicks.max(1), next)?;
     let best = || oracle::best(scenery, method, prompt, options.clicks.max(1));
@@ -193,7 +190,7 @@ fn choose(
             let started = Instant::now();
             let within = scenery.searched(method, &selected.members);
             selected.members =
-                propagate(scene, &selected.members, &within, time, &options.config).map_err(|e| e.to_string())?;
+                propagate(scene, &selected.members, &within, time, scenery.config).map_err(|e| e.to_string())?;
             *seconds += started.elapsed().as_secs_f64();
         }
     }
@@ -255,8 +252,7 @@ fn in_pictures(
     let empty = |c: &Choice| Pair { fixed: Vec::new(), oracle: c.oracle.as_ref().map(|_| Vec::new()) };
     let mut scores: Vec<Pair<Vec<FrameScore>>> = clicked.choices.iter().map(empty).collect();
     let frames = &clicked.target.frames;
-    let shown =
-        nearest(frames.iter().map(|f| f.time), time).and_then(|near| frames.iter().position(|f| f.time == near));
+    let shown = nearest(frames, time, |f| f.time).and_then(|near| frames.iter().position(|f| f.time == near.time));
     for (i, frame) in frames.iter().enumerate() {
         let truth = frame.load()?;
         let at = deformed.at(frame.time);
@@ -283,11 +279,6 @@ fn in_pictures(
         }
     }
     Ok(scores)
-}
-
-/// Returns the one of `times` nearest to `time`.
-fn nearest(times: impl Iterator<Item = f64>, time: f64) -> Option<f64> {
-    times.min_by(|a, b| (a - time).abs().total_cmp(&(b - time).abs()))
 }
 
 /// The scene at the times of the ground truth, each deformed once.

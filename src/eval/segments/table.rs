@@ -212,10 +212,7 @@ pub const KIND: FolderKind = FolderKind {
 /// # Errors
 /// If something else is there, or a file cannot be written.
 pub fn write_results(folder: &Path, evaluation: &SegmentEvaluation) -> Result<(), WriteError> {
-    if let Some(parent) = folder.parent() {
-        std::fs::create_dir_all(parent).map_err(WriteError::at(parent))?;
-    }
-    let out = AtomicDir::create(folder).map_err(WriteError::at(folder))?;
+    let out = AtomicDir::create_replacing(folder, &KIND, &[])?;
     let put = |name: &str, bytes: &[u8]| std::fs::write(out.dir().join(name), bytes).map_err(WriteError::at(folder));
     put("segments.json", &serde_json::to_vec_pretty(evaluation).map_err(WriteError::at(folder))?)?;
     put("segments.csv", csv_at(evaluation).as_bytes())?;
@@ -259,7 +256,7 @@ mod tests {
         SegmentEvaluation {
             data: DataId::default(),
             time: 0.5,
-            masks: "regions",
+            masks: "regions".to_owned(),
             mask_views: 4,
             seed: 0,
             oracle_tries: 0,

@@ -3,11 +3,13 @@
 use super::truth::{TruthFrame, frames};
 use crate::data::{DataError, Truth, truth};
 use crate::name::Name;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::str::FromStr;
 
 /// Several known segments measured as one, as in `pair=tube-a+tube-b`.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub struct Union {
     /// Its name in tables.
     pub name: Name,
@@ -33,6 +35,20 @@ impl FromStr for Union {
             return Err(format!("\"{text}\": {} is given twice; {how}", twice.1));
         }
         Ok(Self { name, parts })
+    }
+}
+
+impl TryFrom<String> for Union {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
+        text.parse()
+    }
+}
+
+impl From<Union> for String {
+    fn from(union: Union) -> Self {
+        format!("{}={}", union.name, union.parts.join("+"))
     }
 }
 

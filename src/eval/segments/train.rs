@@ -6,9 +6,11 @@ use super::method::Method;
 use super::options::{SegmentEvalError, SegmentOptions};
 use super::setting::{Colouring, Setting};
 use super::truth::{Labelled, labelled};
+use crate::config::types::SegmentConfig;
 use crate::config::types::segment::ColourSpace;
 use crate::data::Truth;
 use crate::data::paths::{Lens, Sphere, biased, training_cameras};
+use crate::data::truth::LabelledView;
 use crate::model::{HostGaussians, Scene, ToKernel};
 use crate::segment::baselines::saga::{self, SagaError, SagaModel};
 use crate::segment::baselines::sagd::SagdView;
@@ -20,8 +22,7 @@ use crate::segment::fine::views::{FineView, read_views};
 use crate::segment::masks::MaskReader;
 use crate::segment::masks::handout::write_pictures;
 use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
-use crate::segment::masks::origin::{MaskKind, MaskOrigin};
-use crate::segment::masks::source::sam::SamSource;
+use crate::segment::masks::registry::{ChosenSource, SourceInput, SourceViews};
 use crate::segment::masks::source::{Found, Group, MaskSource, Seen, SourceError};
 use burn::tensor::Device;
 use std::collections::HashMap;
@@ -73,6 +74,10 @@ pub struct Trainers<'a> {
     pub views: &'a [Labelled],
     /// Options of the evaluation.
     pub options: &'a SegmentOptions,
+    /// The options of segmentation.
+    pub config: &'a SegmentConfig,
+    /// The source of masks.
+    pub source: &'a ChosenSource,
     /// Device to draw and train on.
     pub device: &'a Device,
 }
@@ -87,7 +92,7 @@ impl Trainers<'_> {
         say("coarse: colours");
         let started = Instant::now();
         // the tries differ in the number of colours and the space only: what materials need serves all
-        let (config, seed) = (&self.options.config, self.options.seed);
+        let (config, seed) = (self.config, self.options.seed);
         let own = Colouring::of(config);
         let materials = Colouring { space: ColourSpace::Material, ..own }.within(config);
         let other_times = other_times(self.scene, self.at, &materials);
@@ -139,9 +144,10 @@ impl Trainers<'_> {
                 trained.seconds.insert(Method::Fine, before + started.elapsed().as_secs_f64());
             }
             if self.wants(Method::Saga) {
-                say(&format!("saga: {} steps", self.options.saga.steps));
+                let options = self.options.saga();
+                say(&format!("saga: {} steps", options.steps));
                 let started = Instant::now();
-                let model = saga::train(&read.0, &self.at.means, &self.options.saga, |_, _| true);
+                let model = saga::train(&read.0, &self.at.means, &options, |_, _| true);
                 trained.saga = Some(model.map_err(|e| match e {
                     SagaError::NoMasks => SegmentEvalError::Input(e.to_string()),
                     e => SegmentEvalError::Failed(e.to_string()),
@@ -158,7 +164,11 @@ impl Trainers<'_> {
 
     /// Returns the number of views that have masks.
     pub fn mask_views(&self) -> usize {
-        if self.options.masks == MaskKind::Labels { self.labelled().count() } else { self.options.views }
+        if self.has_labels() { self.labelled().count() } else { self.options.views }
+    }
+
+    fn has_labels(&self) -> bool {
+        self.source.kind.views() == SourceViews::Labelled
     }
 
     /// Returns the labelled views that serve as masks: all, or as many as requested, evenly spaced.
@@ -179,7 +189,7 @@ impl Trainers<'_> {
 
     /// Returns the views that groups are drawn from.
     fn shots(&self) -> Result<Vec<Shot>, String> {
-        if self.options.masks == MaskKind::Labels {
+        if self.has_labels() {
             let shot = |v: &Labelled| Shot { file: v.view.name.clone(), camera: v.view.camera.clone() };
             return Ok(self.labelled().map(shot).collect());
         }
@@ -187,26 +197,15 @@ impl Trainers<'_> {
         let lens = Lens { fov_x: camera.fov_x(), width: camera.width, height: camera.height };
         let (views, sphere) = (self.options.views, Sphere::through(camera, self.scene.spec.centre()));
         let cameras = match self.options.bias {
-            Some((axis, angle)) => biased(views, sphere, axis, angle, lens),
+            Some(axis) => biased(views, sphere, axis, self.options.bias_angle.to_radians(), lens),
             None => training_cameras(views, sphere, lens),
         };
         Ok(Shot::numbered(cameras))
     }
 
     fn job<'b>(&'b self, groups: &'b [Group], shots: &'b [Shot], time: f64) -> MaskJob<'b> {
-        let (rendering, config) = (self.scene.spec.rendering(), &self.options.config.masks);
+        let (rendering, config) = (self.scene.spec.rendering(), &self.config.masks);
         MaskJob { at: self.at, groups, shots, time, rendering, config, device: self.device }
-    }
-
-    fn origin(&self) -> MaskOrigin {
-        match &self.options.masks {
-            MaskKind::Regions => MaskOrigin::Regions,
-            MaskKind::Labels => {
-                MaskOrigin::Labels(self.truth.clone(), self.labelled().map(|v| v.view.clone()).collect())
-            }
-            MaskKind::Dir(path) => MaskOrigin::Dir { path: path.clone(), others: Vec::new() },
-            MaskKind::Sam { weights, points } => MaskOrigin::Sam { weights: weights.clone(), points: *points },
-        }
     }
 
     /// Reads the views with masks and the spreads of these.
@@ -230,7 +229,7 @@ impl Trainers<'_> {
         name: &str,
         say: &mut impl FnMut(&str),
     ) -> Result<Lifted, SegmentEvalError> {
-        let (config, seed) = (&self.options.config.affinity, self.options.seed);
+        let (config, seed) = (&self.config.affinity, self.options.seed);
         say(&format!("{name}: {} steps", config.steps));
         let field = fine::train(views, config, seed, self.device, |_, _| true).map_err(|e| match e {
             FineError::NoMasks => SegmentEvalError::Input(e.to_string()),
@@ -261,13 +260,16 @@ impl Masker<'_> {
         let (first, groups) = (which.start, &self.all[which]);
         let names = groups.iter().map(|g| g.name.as_str()).collect::<Vec<_>>().join(", ");
         say(&format!("masks of {names} in {} views", self.shots.len()));
-        if let MaskKind::Sam { points, .. } = &self.trainers.options.masks {
-            let seconds = SamSource::seconds(self.shots.len() * groups.len(), *points);
-            say(&format!("sam: about {:.0} min on two cores", seconds / 60.0));
+        let source = self.trainers.source;
+        if let Some(seconds) = source.kind.seconds(self.shots.len() * groups.len(), &source.options) {
+            say(&format!("{}: about {:.0} min on two cores", source.name, seconds / 60.0));
         }
         // opened for all groups, so that one mask file may hold those of every method
         let every = self.trainers.job(&self.all, &self.shots, self.time);
-        let inner = self.trainers.origin().open(&every).map_err(|e| SegmentEvalError::Masks(e.to_string()))?;
+        let views: Vec<LabelledView> = self.trainers.labelled().map(|v| v.view.clone()).collect();
+        let labelled = self.trainers.has_labels().then_some((self.trainers.truth, &views[..]));
+        let input = SourceInput { job: &every, options: &source.options, others: &[], labelled };
+        let inner = source.kind.open(&input).map_err(|e| SegmentEvalError::Masks(e.to_string()))?;
         let path = self.work.join(file);
         let job = MaskJob { groups, ..every };
         make_masks(&job, &Shifted { inner, first }, &path, |_, _| true).map_err(|e| match e {
@@ -302,7 +304,7 @@ impl MaskSource for Shifted {
     }
 }
 
-/// Writes the pictures for which another program is to make masks ([`MaskKind::Dir`]) into `folder`:
+/// Writes the pictures for which another program is to make masks into `folder`:
 /// `GROUP/view-000.png` and so on, for the groups of the chosen methods, and a list of them. Returns the number of
 /// pictures; `progress` is called after each and says whether to go on.
 ///
@@ -319,9 +321,11 @@ pub fn write_mask_pictures(
     let time = views.first().map_or(options.time, |v| v.view.time);
     let device = scene.gaussians.means.val().device();
     let at = scene.host_at(time as f32);
-    let trainers = Trainers { scene, truth, at: &at, views: &views, options, device: &device };
-    let other_times = other_times(scene, &at, &options.config);
-    let coarse = coarse(&at, Some(&other_times), &options.config, options.seed).map_err(|e| e.to_string())?;
+    let (source, config) = (options.check()?, options.config());
+    let (config, source, device) = (&config, &source, &device);
+    let trainers = Trainers { scene, truth, at: &at, views: &views, options, config, source, device };
+    let other_times = other_times(scene, &at, config);
+    let coarse = coarse(&at, Some(&other_times), config, options.seed).map_err(|e| e.to_string())?;
     let (parts, whole) = trainers.groups(&coarse);
     let groups = [parts, whole].concat();
     if groups.is_empty() {

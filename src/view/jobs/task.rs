@@ -10,7 +10,7 @@ use crate::run::masks::{MaskPlan, MaskRequest, make};
 use crate::run::segments::{RunSegments, write_picture};
 use crate::run::split::{SplitOptions, sheet, split};
 use crate::run::{OpenRun, RunError, affinity};
-use crate::segment::masks::origin::MaskKind;
+use crate::segment::masks::registry::{ChosenSource, MASK_SOURCES, SourceOptions, SourceViews};
 use crate::track::report::{PictureOptions, SHEET_CELL};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -32,8 +32,8 @@ pub enum Task {
     Masks {
         /// Which segments; all that are not part of another if empty.
         segments: Vec<String>,
-        /// Where the masks come from.
-        source: Source,
+        /// Name of the source of masks: one that needs no other program or download.
+        source: String,
         /// Number of views; the command's default if not given.
         views: Option<usize>,
         /// Width of the pictures in pixels; that of the training images if not given.
@@ -82,14 +82,10 @@ pub enum Task {
     },
 }
 
-/// Sources of masks that need no other program or download.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Source {
-    /// Regions of the pictures.
-    Regions,
-    /// Label images of the dataset.
-    Labels,
+/// Returns the names of the sources of masks that need no other program or download.
+#[must_use]
+pub fn mask_sources() -> Vec<String> {
+    MASK_SOURCES.all().into_iter().filter(|(_, kind)| kind.reads().is_empty()).map(|(name, _)| name).collect()
 }
 
 /// Describes the task in words.
@@ -131,10 +127,14 @@ impl Task {
             if (0.0..=1.0).contains(&value) { Ok(()) } else { Err(format!("{what}: must be between 0 and 1")) }
         };
         match self {
-            Self::Masks { source: Source::Labels, size: Some(_), .. } => {
-                Err("size: label images keep their own size; leave it out".into())
-            }
-            Self::Masks { views, size, .. } => {
+            Self::Masks { source, views, size, .. } => {
+                if !mask_sources().contains(source) {
+                    return Err(format!("source: \"{source}\" is not one of {}", mask_sources().join(", ")));
+                }
+                let labelled = MASK_SOURCES.get(source).is_ok_and(|kind| kind.views() == SourceViews::Labelled);
+                if labelled && size.is_some() {
+                    return Err("size: label images keep their own size; leave it out".into());
+                }
                 views.map_or(Ok(()), |n| within("views", n, 1..=MAX_COUNT))?;
                 size.map_or(Ok(()), |n| within("size", n as usize, 16..=4096))
             }
@@ -164,11 +164,8 @@ impl Task {
     pub fn carry_out(&self, run: &OpenRun, report: &mut Reporter) -> Result<Option<String>, RunError> {
         match self {
             Self::Masks { segments, source, views, size, replace } => {
-                let kind = match source {
-                    Source::Regions => MaskKind::Regions,
-                    Source::Labels => MaskKind::Labels,
-                };
-                let request = MaskRequest { segments, kind: &kind, views: *views, time: None };
+                let source = &ChosenSource::new(source, SourceOptions::default()).map_err(RunError::input)?;
+                let request = MaskRequest { segments, source, views: *views, time: None };
                 masks(run, &request, *size, *replace, report)
             }
             Self::Fine { steps } => fine(run, *steps, report),
@@ -212,7 +209,7 @@ fn masks(
     let plan = MaskPlan::new(run, &around, request)?;
     let all = plan.pictures();
     let mut done = 0;
-    let made = make(run, &plan, &run.device(), || {
+    let made = make(run, &plan, || {
         done += 1;
         report.at("pictures", done, all, None)
     })?;
@@ -301,6 +298,8 @@ mod tests {
         assert!(
             read(&masks("null", "0")).unwrap().check().unwrap_err().starts_with("views: must be between 1 and 1000")
         );
+        let sam = masks("null", "5").replace("labels", "sam");
+        assert!(read(&sam).unwrap().check().unwrap_err().contains("is not one of regions, labels"));
         let group = r#"{"kind":"track","segments":["a","b"],"group":"pair","frames":51}"#;
         assert_eq!(read(group).unwrap().to_string(), "track of a, b as pair");
         for bad in [

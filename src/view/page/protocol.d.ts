@@ -765,13 +765,6 @@ export type Selected = {
   threshold: number;
 };
 
-/** Sources of masks that need no other program or download. */
-export type Source = 
-  /** Regions of the pictures. */
-  | "regions"
-  /** Label images of the dataset. */
-  | "labels";
-
 /** Long work. */
 export type Task = 
   /** Masks of segments, as `segment masks`. */
@@ -783,8 +776,8 @@ export type Task =
     segments: string[];
     /** Width of the pictures in pixels; that of the training images if not given. */
     size?: number | null;
-    /** Where the masks come from. */
-    source: Source;
+    /** Name of the source of masks: one that needs no other program or download. */
+    source: string;
     /** Number of views; the command's default if not given. */
     views?: number | null;
   }

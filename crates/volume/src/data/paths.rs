@@ -96,6 +96,18 @@ pub enum Axis {
     Z,
 }
 
+impl Axis {
+    /// Returns its name.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::X => "x",
+            Self::Y => "y",
+            Self::Z => "z",
+        }
+    }
+}
+
 impl std::str::FromStr for Axis {
     type Err = String;
 

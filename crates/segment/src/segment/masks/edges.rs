@@ -14,6 +14,18 @@ pub(super) struct Window {
     pub inside: Vec<bool>,
 }
 
+/// The pixels at the four sides of a pixel, left, right, above and below, in a picture of `pixels` pixels; `None` where it
+/// ends.
+pub(super) fn sides(pixel: usize, width: usize, pixels: usize) -> [Option<usize>; 4] {
+    let x = pixel % width;
+    [
+        (x > 0).then(|| pixel - 1),
+        (x + 1 < width).then_some(pixel + 1),
+        pixel.checked_sub(width),
+        Some(pixel + width).filter(|&below| below < pixels),
+    ]
+}
+
 /// One quantity to find jumps in.
 pub(super) struct Channel {
     /// `[height, width]`.

@@ -2,8 +2,8 @@
 //!
 //! Works on lists of masks of one image and on buffers of pixels; where they come from does not matter.
 
+use super::edges::sides;
 use super::mask::{Mask, MaskError};
-use super::watershed::sides;
 
 /// Drops masks that nearly equal one of a higher score (non-maximum suppression by mask IoU).
 ///
@@ -13,26 +13,41 @@ use super::watershed::sides;
 /// # Errors
 /// [`MaskError::SizeMismatch`] if the masks differ in size.
 pub fn suppress(masks: &[Mask], scores: &[f32], threshold: f64) -> Result<Vec<usize>, MaskError> {
-    let score = |index: usize| scores.get(index).copied().filter(|score| !score.is_nan()).unwrap_or(f32::NEG_INFINITY);
-    let mut order: Vec<usize> = (0..masks.len()).collect();
-    order.sort_by(|&a, &b| score(b).total_cmp(&score(a)).then(a.cmp(&b)));
     let sizes: Vec<(u64, [u32; 4])> = masks.iter().map(|mask| (mask.area(), mask.bbox())).collect();
+    let mut kept = suppress_by(masks.len(), scores, |index, other| {
+        let ((area, bounds), (other_area, other_bounds)) = (sizes[index], sizes[other]);
+        // the overlap is at most the smaller mask and that of the boxes, so most pairs need no look at runs
+        let most = area.min(other_area).min(overlap(bounds, other_bounds));
+        let same_size = masks[index].width == masks[other].width && masks[index].height == masks[other].height;
+        let hopeless = most as f64 <= threshold * (area + other_area - most) as f64;
+        Ok((!same_size || !hopeless) && masks[index].iou(&masks[other])? > threshold)
+    })?;
+    kept.sort_unstable();
+    Ok(kept)
+}
+
+/// Non-maximum suppression of `count` things: goes down the list by score (ties: the earlier first; NaN and missing scores
+/// count lowest) and keeps a thing unless it `duplicates` one kept so far. Returns the indices kept, in that order.
+///
+/// # Errors
+/// That of `duplicates`.
+pub(super) fn suppress_by<E>(
+    count: usize,
+    scores: &[f32],
+    duplicates: impl Fn(usize, usize) -> Result<bool, E>,
+) -> Result<Vec<usize>, E> {
+    let score = |index: usize| scores.get(index).copied().filter(|score| !score.is_nan()).unwrap_or(f32::NEG_INFINITY);
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_by(|&a, &b| score(b).total_cmp(&score(a)));
     let mut kept: Vec<usize> = Vec::new();
-    'masks: for index in order {
-        let (area, bounds) = sizes[index];
+    'all: for index in order {
         for &other in &kept {
-            let (other_area, other_bounds) = sizes[other];
-            // the overlap is at most the smaller mask and that of the boxes, so most pairs need no look at runs
-            let most = area.min(other_area).min(overlap(bounds, other_bounds));
-            let same_size = masks[index].width == masks[other].width && masks[index].height == masks[other].height;
-            let hopeless = most as f64 <= threshold * (area + other_area - most) as f64;
-            if (!same_size || !hopeless) && masks[index].iou(&masks[other])? > threshold {
-                continue 'masks;
+            if duplicates(index, other)? {
+                continue 'all;
             }
         }
         kept.push(index);
     }
-    kept.sort_unstable();
     Ok(kept)
 }
 
@@ -61,7 +76,7 @@ pub(super) fn majority_rows(width: usize, height: usize, set: &[bool]) -> Vec<bo
 /// Fills the holes of at most `max_area` pixels in a row-major buffer `[height, width]`: clear areas, connected by
 /// sides, that do not touch the border. The box of a mask is therefore enough: a clear area that touches its sides is
 /// open to the outside.
-pub(super) fn fill_holes_rows(width: usize, height: usize, set: &mut [bool], max_area: u64) {
+pub(super) fn fill_holes_rows(width: usize, set: &mut [bool], max_area: u64) {
     let mut seen = set.to_vec();
     let mut area = Vec::new();
     for start in 0..set.len() {
@@ -74,7 +89,7 @@ pub(super) fn fill_holes_rows(width: usize, height: usize, set: &mut [bool], max
         let (mut next, mut open) = (0, false);
         while let Some(&pixel) = area.get(next) {
             next += 1;
-            let sides = sides(pixel, width, width * height);
+            let sides = sides(pixel, width, set.len());
             open |= sides.contains(&None);
             for other in sides.into_iter().flatten() {
                 if !seen[other] {
@@ -136,8 +151,8 @@ mod tests {
     #[test]
     fn only_closed_small_holes_are_filled() {
         let filled = |text, max_area| {
-            let (width, height, mut set) = rows(text);
-            fill_holes_rows(width, height, &mut set, max_area);
+            let (width, _, mut set) = rows(text);
+            fill_holes_rows(width, &mut set, max_area);
             set
         };
         let ring = "......./.#####./.#...#./.#####./.......";
@@ -159,7 +174,7 @@ mod tests {
                 }
             }
             let mut filled = set.clone();
-            fill_holes_rows(9, 7, &mut filled, 63);
+            fill_holes_rows(9, &mut filled, 63);
             // clear pixels that are joined to the border stay clear, and no others
             let mut open: Vec<bool> =
                 (0..63_usize).map(|p| !set[p] && (p % 9 == 0 || p % 9 == 8 || !(9..54).contains(&p))).collect();
@@ -180,8 +195,8 @@ mod tests {
             let smooth = majority_rows(width, height, &window);
             prop_assert_eq!(Mask::from_window(9, 7, bounds, &smooth).to_rows(), majority_rows(9, 7, &set));
             let (mut part, mut whole) = (window, set);
-            fill_holes_rows(width, height, &mut part, 63);
-            fill_holes_rows(9, 7, &mut whole, 63);
+            fill_holes_rows(width, &mut part, 63);
+            fill_holes_rows(9, &mut whole, 63);
             prop_assert_eq!(Mask::from_window(9, 7, bounds, &part).to_rows(), whole);
         }
     }

@@ -3,16 +3,16 @@
 use super::make::{MakeError, MaskJob, Shot};
 use super::store::StoreError;
 use crate::data::Camera;
+use crate::export::images::to_rgb8;
 use crate::files::read_regular;
 use crate::model::ToKernel;
 use crate::segment::pictures::draw_each;
 use crate::segment::segmentation::members_key;
 use crate::versioned;
-use image::{ImageFormat, RgbImage};
+use image::ImageFormat;
 use serde::{Deserialize, Serialize};
 use std::io::Cursor;
 use std::path::Path;
-use thiserror::Error;
 
 /// Largest side of a picture, pixels.
 const MAX_SIDE: u32 = 16_384;
@@ -43,28 +43,17 @@ pub struct HandoutGroup {
     pub members: String,
 }
 
-/// Why pictures cannot be written.
-#[derive(Debug, Error)]
-pub enum HandoutError {
-    /// The views or groups cannot be used, or `progress` asked to stop.
-    #[error(transparent)]
-    Job(#[from] MakeError),
-    /// A file cannot be written.
-    #[error(transparent)]
-    Store(#[from] StoreError),
-}
-
 /// Writes `GROUP/VIEW.png`, RGB over the background, for each group and view into `folder`, and the list. `progress` is
 /// called after each picture and returns whether to continue.
 ///
 /// # Errors
-/// As [`HandoutError`]; some of the pictures may then be in `folder`.
+/// As [`MakeError`]; some of the pictures may then be in `folder`.
 pub fn write_pictures(
     job: &MaskJob<'_>,
     scene: &str,
     folder: &Path,
     mut progress: impl FnMut() -> bool,
-) -> Result<(), HandoutError> {
+) -> Result<(), MakeError> {
     job.check()?;
     for group in job.groups {
         let inner = folder.join(&group.name);
@@ -73,15 +62,12 @@ pub fn write_pictures(
         let pictures = draw_each(job.at.subset(&group.members), seen, job.device);
         for (shot, rgba) in job.shots.iter().zip(pictures) {
             let path = inner.join(format!("{}.png", shot.file));
-            let bytes = rgba.chunks_exact(4).flat_map(|p| &p[..3]).map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8);
-            let (w, h) = (shot.camera.width, shot.camera.height);
-            let image = RgbImage::from_raw(w, h, bytes.collect())
-                .ok_or_else(|| StoreError::field(&path, "pixels", "their number differs from the camera's"))?;
+            let image = to_rgb8(&rgba, shot.camera.width as usize, shot.camera.height as usize);
             let mut png = Cursor::new(Vec::new());
             image.write_to(&mut png, ImageFormat::Png).map_err(|e| StoreError::field(&path, "PNG", e))?;
             std::fs::write(&path, png.into_inner()).map_err(StoreError::io(&path))?;
             if !progress() {
-                return Err(MakeError::Stopped.into());
+                return Err(MakeError::Stopped);
             }
         }
     }

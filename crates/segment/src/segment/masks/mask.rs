@@ -97,24 +97,8 @@ impl Mask {
     /// # Errors
     /// [`MaskError::BufferLength`] if the buffer does not hold `width * height` values, [`MaskError::TooLarge`].
     pub fn from_rows(width: u32, height: u32, set: &[bool]) -> Result<Self, MaskError> {
-        let pixels = pixel_count(width, height)?;
-        if set.len() as u64 != u64::from(pixels) {
-            return Err(MaskError::BufferLength { width, height, found: set.len(), expected: u64::from(pixels) });
-        }
-        let (across, down) = (width as usize, height as usize);
-        let mut counts = Vec::new();
-        let (mut value, mut run) = (false, 0_u32);
-        for x in 0..across {
-            for y in 0..down {
-                if set[y * across + x] != value {
-                    counts.push(run);
-                    (value, run) = (!value, 0);
-                }
-                run += 1;
-            }
-        }
-        counts.push(run);
-        Ok(Self { width, height, counts })
+        check_length(width, height, set.len())?;
+        Ok(Self::from_window(width, height, [0, 0, width, height], set))
     }
 
     /// Returns the mask of each non-zero value of a row-major buffer `[height, width]`, by ascending value, in one pass
@@ -123,10 +107,7 @@ impl Mask {
     /// # Errors
     /// As [`Mask::from_rows`].
     pub fn of_labels(width: u32, height: u32, labels: &[u16]) -> Result<Vec<(u16, Self)>, MaskError> {
-        let pixels = pixel_count(width, height)?;
-        if labels.len() as u64 != u64::from(pixels) {
-            return Err(MaskError::BufferLength { width, height, found: labels.len(), expected: u64::from(pixels) });
-        }
+        let pixels = check_length(width, height, labels.len())?;
         // the runs of each value, and where the last one ends
         let mut found: BTreeMap<u16, (Vec<u32>, u32)> = BTreeMap::new();
         let mut close = |label: u16, start: u32, end: u32| {
@@ -160,11 +141,7 @@ impl Mask {
     /// The mask as a row-major buffer `[height, width]`.
     #[must_use]
     pub fn to_rows(&self) -> Vec<bool> {
-        let mut set = vec![false; self.width as usize * self.height as usize];
-        for pixel in self.pixels() {
-            set[pixel as usize] = true;
-        }
-        set
+        self.window([0, 0, self.width, self.height])
     }
 
     /// A mask from a row-major buffer of the box `[x, y, w, h]` alone, which must lie inside the image.
@@ -332,6 +309,15 @@ impl Mask {
 
 fn pixel_count(width: u32, height: u32) -> Result<u32, MaskError> {
     width.checked_mul(height).ok_or(MaskError::TooLarge { width, height })
+}
+
+/// The number of pixels, which a buffer of `found` values must have.
+fn check_length(width: u32, height: u32, found: usize) -> Result<u32, MaskError> {
+    let pixels = pixel_count(width, height)?;
+    match found == pixels as usize {
+        true => Ok(pixels),
+        false => Err(MaskError::BufferLength { width, height, found, expected: u64::from(pixels) }),
+    }
 }
 
 /// The overlaps of the set runs of two masks, ascending.

@@ -4,7 +4,10 @@
 
 use std::{cmp::Reverse, collections::BTreeMap, collections::BinaryHeap};
 
-use super::{edges::Window, watershed::NONE, watershed::sides};
+use super::{
+    edges::{Window, sides},
+    watershed::NONE,
+};
 
 /// A region: a basin, or two regions joined.
 #[derive(Debug, Clone, PartialEq)]

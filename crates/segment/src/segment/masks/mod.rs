@@ -3,8 +3,8 @@
 //! The masks themselves ([`mask`], [`rle`]), their files ([`store`], [`coco`], [`png_folder`]), what finds them in a
 //! picture ([`regions`], [`sam`]), clean-up ([`filter`], [`mod@alpha`]) and pictures of them ([`sheet`]) know nothing
 //! of Gaussians. [`source`] gives these and the ground truth of a dataset one interface; [`make`] draws groups of
-//! Gaussians, queries a source and writes the masks; [`origin`] opens the source that a command or an evaluation
-//! requests; [`handout`] writes the pictures for another program to segment.
+//! Gaussians, queries a source and writes the masks; [`registry`] has the sources by name; [`handout`] writes the
+//! pictures for another program to segment.
 
 pub mod alpha;
 pub mod coco;
@@ -14,10 +14,10 @@ pub mod handout;
 pub mod make;
 pub mod mask;
 mod merge;
-pub mod origin;
 pub mod png_folder;
 mod reader;
 pub mod regions;
+pub mod registry;
 pub mod rle;
 pub mod sam;
 pub mod sheet;

@@ -108,35 +108,24 @@ impl PngFolder {
             let problem = format!("view {view} was requested, but there are only {}", self.views.len());
             return Err(StoreError::field(&self.folder, "views", problem));
         };
-        let mut masks = Vec::new();
-        let mut add = |path: &Path, category: u64, rows: Vec<bool>| {
-            let mask =
-                Mask::from_rows(self.width, self.height, &rows).map_err(|e| StoreError::field(path, "pixels", e))?;
-            if mask.area() > 0 {
-                masks.push(ForeignMask { mask, category, predicted_iou: 1.0, stability_score: 1.0 });
-            }
-            Ok(())
+        let split = |path: &Path, values: &[u16]| {
+            Mask::of_labels(self.width, self.height, values).map_err(|e| StoreError::field(path, "pixels", e))
         };
+        let mut found: Vec<(u64, Mask)> = Vec::new();
         match files {
             Files::Absent => {}
             Files::Binary(paths) => {
                 for (&number, path) in paths {
-                    add(path, number, self.read(path)?.iter().map(|&value| value != 0).collect())?;
+                    let set: Vec<u16> = self.read(path)?.into_iter().map(|value| value.min(1)).collect();
+                    found.extend(split(path, &set)?.into_iter().map(|(_, mask)| (number, mask)));
                 }
             }
             Files::Labels(path) => {
-                let labels = self.read(path)?;
-                let found = Mask::of_labels(self.width, self.height, &labels);
-                let found = found.map_err(|e| StoreError::field(path, "pixels", e))?;
-                masks.extend(found.into_iter().map(|(label, mask)| ForeignMask {
-                    mask,
-                    category: u64::from(label),
-                    predicted_iou: 1.0,
-                    stability_score: 1.0,
-                }));
+                found.extend(split(path, &self.read(path)?)?.into_iter().map(|(label, mask)| (label.into(), mask)));
             }
         }
-        Ok(masks)
+        let scored = |(category, mask)| ForeignMask { mask, category, predicted_iou: 1.0, stability_score: 1.0 };
+        Ok(found.into_iter().map(scored).collect())
     }
 
     fn read(&self, path: &Path) -> Result<Vec<u16>, StoreError> {

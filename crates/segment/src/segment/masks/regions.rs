@@ -246,7 +246,7 @@ fn paint(
     // A whole piece keeps its silhouette as it is, and no other region grows over it.
     if smooth && node.parent.is_some() {
         set = majority_rows(across, down, &set);
-        fill_holes_rows(across, down, &mut set, (min_area / 4.0) as u64);
+        fill_holes_rows(across, &mut set, (min_area / 4.0) as u64);
         for (row, set) in set.chunks_exact_mut(across).enumerate() {
             let start = (top + row) * window.width + left;
             set.iter_mut().zip(&window.inside[start..]).for_each(|(set, &inside)| *set &= inside);

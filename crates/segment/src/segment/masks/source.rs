@@ -1,9 +1,9 @@
 //! Where masks come from: what a source receives of a view, and what it returns.
 //!
-//! One file per source: [`regions`] needs only the picture, [`labels`] reads the ground truth of a dataset, [`foreign`]
+//! One file per source: [`regions`] needs only the picture, [`labels`] reads the ground truth of a dataset, [`dir`]
 //! the masks of other programs, and [`sam`] runs a network. Drawing the views and writing what is found is in `make`.
 
-pub mod foreign;
+pub mod dir;
 pub mod labels;
 pub mod regions;
 pub mod sam;
@@ -70,7 +70,7 @@ pub trait MaskSource: Sync {
     }
 }
 
-/// Why a source finds no masks.
+/// Why a source cannot be opened, or finds no masks.
 #[derive(Debug, Error)]
 pub enum SourceError {
     /// The source `regions` failed.
@@ -96,6 +96,9 @@ pub enum SourceError {
         /// The group asked for.
         group: usize,
     },
+    /// Any other reason.
+    #[error("{0}")]
+    Other(String),
 }
 
 impl SourceError {

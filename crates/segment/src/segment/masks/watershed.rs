@@ -3,7 +3,7 @@
 //! Vincent and Soille's flooding in its variant without watershed pixels, on the relief in steps. Independent of what
 //! the relief means.
 
-use super::edges::Window;
+use super::edges::{Window, sides};
 
 /// Label of pixels outside the foreground.
 pub(super) const NONE: u32 = u32::MAX;
@@ -88,20 +88,7 @@ pub(super) fn basins(window: &Window, relief: &[f32], top: f32, steps: usize) ->
 
 /// The foreground pixels at the four sides.
 fn neighbours(window: &Window, pixel: usize) -> impl Iterator<Item = usize> + '_ {
-    let sides = sides(pixel, window.width, window.inside.len());
-    sides.into_iter().flatten().filter(|&next| window.inside[next])
-}
-
-/// The pixels left of, right of, above and below a pixel of a buffer of `count`, in rows of `width`; `None` beyond its
-/// border.
-pub(super) fn sides(pixel: usize, width: usize, count: usize) -> [Option<usize>; 4] {
-    let x = pixel % width;
-    [
-        (x > 0).then(|| pixel - 1),
-        (x + 1 < width).then_some(pixel + 1),
-        pixel.checked_sub(width),
-        Some(pixel + width).filter(|&below| below < count),
-    ]
+    sides(pixel, window.width, window.inside.len()).into_iter().flatten().filter(|&next| window.inside[next])
 }
 
 #[cfg(test)]

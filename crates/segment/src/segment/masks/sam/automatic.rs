@@ -1,8 +1,10 @@
 //! Masks of everything in an image: a grid of points, and which of their candidate masks are kept.
 
+use super::super::filter::suppress_by;
 use super::image::Enlarger;
 use super::{Embedding, Mask, Prompt, Sam, SamError};
 use rayon::prelude::*;
+use std::convert::Infallible;
 
 /// Which of a point's candidates are kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -86,16 +88,10 @@ pub fn stability_score(logits: &[f32], offset: f32) -> f32 {
     if outer == 0 { 0.0 } else { (inner as f64 / outer as f64) as f32 }
 }
 
-/// Left, top, right, bottom of the set pixels of `[height, width]`, inclusive; `None` if nothing is set.
-pub fn pixel_bounds(set: &[bool], width: usize) -> Option<[u32; 4]> {
-    let mut bounds: Option<[usize; 4]> = None;
-    for (y, row) in set.chunks_exact(width.max(1)).enumerate() {
-        let Some(left) = row.iter().position(|&s| s) else { continue };
-        let right = row.iter().rposition(|&s| s).unwrap_or(left);
-        let [l, t, r, _] = bounds.unwrap_or([left, y, right, y]);
-        bounds = Some([l.min(left), t, r.max(right), y]);
-    }
-    bounds.map(|b| b.map(|v| v as u32))
+/// Left, top, right, bottom of the set pixels, inclusive; `None` if nothing is set.
+pub fn pixel_bounds(mask: &Mask) -> Option<[u32; 4]> {
+    let [left, top, width, height] = mask.bbox();
+    (width > 0).then(|| [left, top, left + width - 1, top + height - 1])
 }
 
 /// Intersection over union of boxes as left, top, right, bottom; 0 for boxes without area.
@@ -110,14 +106,8 @@ fn box_iou(a: [u32; 4], b: [u32; 4]) -> f32 {
 /// Non-maximum suppression: goes through the boxes by descending score and keeps those that overlap none kept before
 /// by more than `threshold`. Returns their indices in that order; of equal scores the first comes first.
 pub fn suppress_boxes(boxes: &[[u32; 4]], scores: &[f32], threshold: f32) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..boxes.len().min(scores.len())).collect();
-    order.sort_by(|&a, &b| scores[b].total_cmp(&scores[a]));
-    let mut kept: Vec<usize> = Vec::new();
-    for i in order {
-        if kept.iter().all(|&k| box_iou(boxes[k], boxes[i]) <= threshold) {
-            kept.push(i);
-        }
-    }
+    let duplicates = |index: usize, other: usize| Ok::<_, Infallible>(box_iou(boxes[other], boxes[index]) > threshold);
+    let Ok(kept) = suppress_by(boxes.len().min(scores.len()), scores, duplicates);
     kept
 }
 
@@ -131,11 +121,9 @@ fn judge(
 ) -> Result<Option<SamMask>, SamError> {
     let stability = stability_score(logits, options.stability_offset);
     let set: Vec<bool> = logits.iter().map(|&v| v > 0.0).collect();
-    let Some(bounds) = pixel_bounds(&set, size[0]).filter(|_| stability >= options.stability) else {
-        return Ok(None);
-    };
     let mask = Mask::from_rows(size[0] as u32, size[1] as u32, &set)?;
-    Ok(Some(SamMask { mask, predicted_iou: iou, stability, point, bounds }))
+    let bounds = pixel_bounds(&mask).filter(|_| stability >= options.stability);
+    Ok(bounds.map(|bounds| SamMask { mask, predicted_iou: iou, stability, point, bounds }))
 }
 
 /// The masks that a batch of points finds, before duplicates are removed.
@@ -223,9 +211,10 @@ mod tests {
     fn bounds_are_inclusive() {
         let rows = ["....", ".##.", "...#", "...."];
         let set: Vec<bool> = rows.iter().flat_map(|r| r.bytes().map(|b| b == b'#')).collect();
-        assert_eq!(pixel_bounds(&set, 4), Some([1, 1, 3, 2]));
-        assert_eq!(pixel_bounds(&[false; 6], 3), None);
-        assert_eq!(pixel_bounds(&[], 0), None);
+        let bounds = |width, height, set: &[bool]| pixel_bounds(&Mask::from_rows(width, height, set).unwrap());
+        assert_eq!(bounds(4, 4, &set), Some([1, 1, 3, 2]));
+        assert_eq!(bounds(3, 2, &[false; 6]), None);
+        assert_eq!(bounds(0, 0, &[]), None);
     }
 
     #[test]

@@ -1,9 +1,29 @@
 //! Ground-truth masks: label images of a dataset, restricted to where a group is in front.
 
+use super::super::registry::{MaskSourceKind, SourceInput, SourceViews};
 use super::{Found, MaskSource, Seen, SourceError};
 use crate::data::Truth;
 use crate::data::truth::LabelledView;
 use crate::segment::masks::Mask;
+
+/// The dataset's label images: an upper bound.
+pub struct LabelsKind;
+
+impl MaskSourceKind for LabelsKind {
+    fn help(&self) -> &str {
+        "The dataset's label images, as an upper bound"
+    }
+
+    fn views(&self) -> SourceViews {
+        SourceViews::Labelled
+    }
+
+    fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceError> {
+        let missing = || SourceError::Other("labels: there are no views with a label image".to_owned());
+        let (truth, views) = input.labelled.ok_or_else(missing)?;
+        Ok(Box::new(Labels::new(truth.clone(), views.to_vec(), input.job.config.label_pixels)))
+    }
+}
 
 /// Label images, one per view.
 #[derive(Clone, Debug)]

@@ -1,9 +1,23 @@
 //! Masks from the picture alone: [`find_regions`] as a source.
 
 use super::super::regions::{RegionError, RegionImage, find_regions};
+use super::super::registry::{MaskSourceKind, SourceInput};
 use super::{Found, MaskSource, Seen, SourceError};
 use crate::config::types::segment::MasksConfig;
 use crate::segment::pictures::Picture;
+
+/// Regions of the pictures themselves.
+pub struct RegionsKind;
+
+impl MaskSourceKind for RegionsKind {
+    fn help(&self) -> &str {
+        "Regions between discontinuities of colour, alpha and depth"
+    }
+
+    fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceError> {
+        Ok(Box::new(Regions::new(input.job.rendering.background, input.job.config.clone())))
+    }
+}
 
 /// The source that needs no network.
 #[derive(Clone, Debug)]

@@ -1,14 +1,64 @@
 //! Masks of MobileSAM's automatic mode as a source.
 
 use super::super::alpha::{background_below, on_background};
-use super::super::sam::{AutomaticOptions, Sam, SamConfig, SamError, generate};
+use super::super::registry::{
+    ChooseSourceError, DEFAULT_POINTS, MaskSourceKind, SourceInput, SourceOption, SourceOptions,
+};
+use super::super::sam::{AutomaticOptions, Sam, SamConfig, checkpoint, generate};
 use super::{Found, MaskSource, Seen, SourceError};
 use crate::config::types::segment::MasksConfig;
-use burn::tensor::Device;
+use crate::export::images::to_rgb8;
+use crate::memory::{Budget, product};
 use std::path::Path;
 
-/// Seconds per picture and per point of the grid, measured on two cores.
+/// Seconds per picture and per point of the grid, of the full-size network on a CPU of two cores.
 const SECONDS: [f64; 2] = [4.0, 0.12];
+
+/// Bytes per point of the grid that prompts the network.
+const POINT_BYTES: usize = 64;
+
+/// MobileSAM.
+pub struct SamKind;
+
+impl MaskSourceKind for SamKind {
+    fn help(&self) -> &str {
+        "MobileSAM"
+    }
+
+    fn reads(&self) -> &[SourceOption] {
+        &[SourceOption::Weights, SourceOption::Points]
+    }
+
+    fn complete(&self, options: SourceOptions) -> Result<SourceOptions, ChooseSourceError> {
+        let bad = |option| move |problem| ChooseSourceError::Unusable { option, problem };
+        let points = options.points.unwrap_or(DEFAULT_POINTS);
+        let grid = product(&[points, points, POINT_BYTES]);
+        let fits = Budget::now().check(format!("a grid of {points}x{points} points"), grid);
+        fits.map_err(|e| bad(SourceOption::Points)(e.to_string()))?;
+        let weights = checkpoint::locate(options.weights.as_deref());
+        let weights = weights.map_err(|e| bad(SourceOption::Weights)(e.to_string()))?;
+        Ok(SourceOptions { weights: Some(weights), points: Some(points), ..options })
+    }
+
+    fn seconds(&self, pictures: usize, options: &SourceOptions) -> Option<f64> {
+        let points = options.points.unwrap_or(DEFAULT_POINTS);
+        Some(pictures as f64 * (SECONDS[0] + SECONDS[1] * (points * points) as f64))
+    }
+
+    fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceError> {
+        let weights = input.options.weights.as_deref().unwrap_or(Path::new(""));
+        let config = input.job.config;
+        let options = AutomaticOptions {
+            points_per_side: input.options.points.unwrap_or(DEFAULT_POINTS),
+            predicted_iou: config.sam_predicted_iou,
+            stability: config.sam_stability,
+            box_overlap: config.sam_box_overlap,
+            ..AutomaticOptions::default()
+        };
+        let sam = Sam::load(weights, &SamConfig::default(), input.job.device)?;
+        Ok(Box::new(SamSource::new(sam, options, config.clone())))
+    }
+}
 
 /// A network prompted with a grid of points.
 #[derive(Clone, Debug)]
@@ -26,29 +76,6 @@ impl SamSource {
         let points = options.points_per_side;
         Self { name: format!("sam, {points} by {points} points"), sam, options, config }
     }
-
-    /// Loads MobileSAM's weights; `points` is the number of points along a side of the grid.
-    ///
-    /// # Errors
-    /// As [`Sam::load`].
-    pub fn load(weights: &Path, points: usize, config: &MasksConfig, device: &Device) -> Result<Self, SamError> {
-        let sam = Sam::load(weights, &SamConfig::default(), device)?;
-        let options = AutomaticOptions {
-            points_per_side: points,
-            predicted_iou: config.sam_predicted_iou,
-            stability: config.sam_stability,
-            box_overlap: config.sam_box_overlap,
-            ..AutomaticOptions::default()
-        };
-        Ok(Self::new(sam, options, config.clone()))
-    }
-
-    /// Estimates the seconds that the full-size network takes for `pictures` pictures, with `points` points along a
-    /// side of the grid, on a CPU of two cores.
-    #[must_use]
-    pub fn seconds(pictures: usize, points: usize) -> f64 {
-        pictures as f64 * (SECONDS[0] + SECONDS[1] * (points * points) as f64)
-    }
 }
 
 impl MaskSource for SamSource {
@@ -58,8 +85,7 @@ impl MaskSource for SamSource {
 
     fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError> {
         let picture = seen.picture;
-        let byte = |v: &f32| (v.clamp(0.0, 1.0) * 255.0).round() as u8;
-        let rgb: Vec<u8> = picture.rgba.chunks_exact(4).flat_map(|p| &p[..3]).map(byte).collect();
+        let rgb = to_rgb8(&picture.rgba, picture.width, picture.height);
         let mut masks = generate(&self.sam, &rgb, picture.width, picture.height, &self.options)?;
         let below = background_below(picture, &self.config);
         masks.retain(|m| !on_background(picture, &m.mask, below));

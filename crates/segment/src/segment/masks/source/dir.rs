@@ -2,10 +2,51 @@
 
 use super::super::coco::CocoFile;
 use super::super::png_folder::PngFolder;
+use super::super::registry::{
+    ChooseSourceError, MaskSourceKind, SourceInput, SourceOption, SourceOptions, SourceViews,
+};
 use super::super::store::StoreError;
 use super::{Found, MaskSource, Seen, SourceError};
 use std::collections::HashMap;
 use std::path::Path;
+
+/// Masks that another program made of the pictures written for it: a folder `GROUP/VIEW_NUMBER.png` or a COCO file.
+pub struct DirKind;
+
+impl MaskSourceKind for DirKind {
+    fn help(&self) -> &str {
+        "Masks made by another program"
+    }
+
+    fn reads(&self) -> &[SourceOption] {
+        &[SourceOption::Path]
+    }
+
+    fn views(&self) -> SourceViews {
+        SourceViews::HandedOut
+    }
+
+    fn complete(&self, options: SourceOptions) -> Result<SourceOptions, ChooseSourceError> {
+        let option = SourceOption::Path;
+        match &options.path {
+            Some(path) if path.exists() => Ok(options),
+            Some(path) => {
+                let problem = format!("{}: no such folder or file", path.display());
+                Err(ChooseSourceError::Unusable { option, problem })
+            }
+            None => Err(ChooseSourceError::Missing { option, what: "the folder of masks or the COCO file" }),
+        }
+    }
+
+    fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceError> {
+        let job = input.job;
+        let groups: Vec<String> = job.groups.iter().map(|g| g.name.clone()).collect();
+        let views: Vec<String> = job.shots.iter().map(|s| format!("{}.png", s.file)).collect();
+        let (width, height) = job.shots.first().map_or((0, 0), |s| (s.camera.width, s.camera.height));
+        let path = input.options.path.as_deref().unwrap_or(Path::new(""));
+        Ok(Box::new(Foreign::open(path, &groups, input.others, &views, [width, height])?))
+    }
+}
 
 /// Masks that another program made of the pictures of some groups.
 #[derive(Debug)]
