@@ -3,7 +3,7 @@
 //!
 //! Implemented here because a state dict needs only two dozen pickle instructions: the crate that reads them
 //! (`pytorch-reader`) depends on tar and zip, changes the inflate implementation of the whole program, and sets no
-//! bounds suited to files this small. Nothing in a file is executed. Only its description is held in memory (at most
+//! bounds suited to files this small. The directory of a zip archive is read by `rawzip`. Nothing in a file is executed. Only its description is held in memory (at most
 //! [`DESCRIPTION`] bytes); values are read one tensor at a time, and each size is checked against the file before
 //! anything is allocated.
 
