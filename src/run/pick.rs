@@ -166,12 +166,6 @@ impl Clicking {
         result
     }
 
-    /// Returns the time of the scene.
-    #[must_use]
-    pub fn time(&self) -> f64 {
-        self.time
-    }
-
     /// Returns what the pixel (column, row) of the camera's picture shows. If a segment `within` is named, only this
     /// segment is visible, and the Gaussian that contributes most to the pixel is hit. Otherwise, if there is a field,
     /// so that a click can become a segment, it is a Gaussian of the segment that covers most of the pixel, see

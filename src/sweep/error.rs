@@ -35,9 +35,6 @@ pub enum SweepError {
     /// The sweep was stopped; the same command continues it.
     #[error("interrupted; run the same command again to resume")]
     Interrupted,
-    /// An input that cannot be used, such as a dataset that does not fit into memory.
-    #[error("{0}")]
-    Choice(String),
 }
 
 impl UserError for SweepError {
