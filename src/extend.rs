@@ -2,7 +2,7 @@
 //! whole methods, without changes to this crate.
 //!
 //! A small program registers them by name, then calls [`crate::main`]; from then on configurations, sweeps and commands
-//! accept these names. `docs/research.md` shows one of each; `examples/extended` is such a program.
+//! accept these names. `docs/research.md` shows how; `examples/extended` is such a program.
 //!
 //! A name consists of letters, digits, `-` and `_`; any other character becomes `_`. Registering a name again replaces
 //! its previous entry, also a built-in one: these are in the same tables. A table is global to the process, and an entry
@@ -11,9 +11,9 @@
 //! The functions that register are here; each trait is defined beside the code that uses it.
 
 pub use crate::config::sections::{Section, Settings};
-pub use crate::eval::metric::{Metric, MetricInput, registered as metrics};
 pub use crate::method::network::{Network, OneNetwork, Seen};
 pub use crate::method::{Counts, Method, Model, Saved, Training};
+pub use crate::metrics::metric::{Better, MeasuredViews, Metric, MetricDisplay, MetricFailure, MetricInput, Networks};
 pub use crate::model::encoder::{EncoderFactory, find_encoder};
 pub use crate::model::encoder_definition::{EncoderDefinition, Parameter, Parameters};
 pub use crate::registry::NotRegistered;
@@ -22,8 +22,8 @@ pub use crate::train::losses::{LossInput, LossTerm, find_loss_term};
 pub use crate::train::rate_schedule::{Schedule, find_schedule};
 pub use volseggs_kernels::Camera as PinholeCamera;
 
-use crate::eval::metric::METRICS;
 use crate::method::METHODS;
+use crate::metrics::metric::METRICS;
 use crate::model::defined_encoder::Defined;
 use crate::model::encoder::ENCODERS;
 use crate::train::densify::RULES;
@@ -50,7 +50,7 @@ pub fn densification(name: &str, rule: impl DensificationRule + 'static) {
     RULES.insert(name, Box::new(rule));
 }
 
-/// Registers a metric; every later evaluation computes it. Its name should not be that of a built-in metric.
+/// Registers a metric; every later evaluation computes it. It replaces a built-in metric of that name.
 pub fn metric(name: &str, metric: impl Metric + 'static) {
     METRICS.insert(name, Box::new(metric));
 }

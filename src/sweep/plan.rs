@@ -15,7 +15,7 @@ use super::key::{key, recipe, short_hash};
 use super::resolve::{Base, Resolved};
 use super::spec::SegmentSpec;
 use crate::compare::PaperTable;
-use crate::compare::metric::metric;
+use crate::compare::metric;
 use crate::memory::Budget;
 use crate::method;
 use crate::program;
@@ -152,12 +152,8 @@ impl Plan {
         let baseline = baseline(&file, &variants).map_err(|e| bad("baseline", e))?;
         check_paper(&file, &variants).map_err(|(key, problem)| bad(&key, problem))?;
         let datasets = datasets(&file, path, &options.data, &options.out)?;
-        if let Some(unknown) = file
-            .metrics
-            .iter()
-            .find(|m| metric(m).is_none() && !crate::eval::metric::registered().iter().any(|(name, _)| name == *m))
-        {
-            let known: Vec<&str> = crate::compare::metric::METRICS.iter().map(|m| m.id).collect();
+        let known = metric::known();
+        if let Some(unknown) = file.metrics.iter().find(|m| !known.contains(m)) {
             return Err(bad("metrics", format!("unknown metric \"{unknown}\"; available: {}", known.join(", "))));
         }
         let mut plan = Self {
@@ -210,8 +206,10 @@ impl Plan {
             check_truth(&plan.datasets, path)?;
         }
         if plan.metrics.is_empty() {
-            let default = if has_segments { SEGMENT_METRICS } else { TRAIN_METRICS };
-            plan.metrics = default.iter().map(|m| (*m).to_owned()).collect();
+            plan.metrics = match has_segments {
+                true => metric::default_columns(&["iou_3d", "iou"], &[]),
+                false => metric::default_columns(&[], &["training_minutes"]),
+            };
         }
         if let Some(halving) = &plan.halving {
             check_halving(halving, &plan).map_err(|e| bad("halving", e))?;
@@ -322,9 +320,6 @@ impl Plan {
         Ok(Self { runs_folder, ..plan })
     }
 }
-
-const TRAIN_METRICS: &[&str] = &["psnr", "ssim", "lpips_alex", "training_minutes"];
-const SEGMENT_METRICS: &[&str] = &["iou_3d", "iou", "psnr", "ssim", "lpips_alex"];
 
 /// What has been placed in a plan already.
 #[derive(Default)]

@@ -5,6 +5,7 @@
 
 use rayon::prelude::*;
 
+use super::metric::{Better, Metric, MetricDisplay, MetricFailure, MetricInput};
 use super::psnr::MetricError;
 
 const C1: f64 = 0.01 * 0.01;
@@ -51,6 +52,33 @@ pub fn ssim_gray(a: &[f32], b: &[f32], width: usize, height: usize) -> Result<f6
     let inner = |row: &[f64]| row[edge..edge + columns].iter().sum::<f64>();
     let sum: f64 = map.chunks_exact(width).skip(edge).take(rows).map(inner).sum();
     Ok(sum / (rows * columns) as f64)
+}
+
+/// [`ssim_rgb`] of a view.
+pub(super) struct SsimRgb;
+
+impl Metric for SsimRgb {
+    fn value(&self, view: &MetricInput<'_>) -> Result<Option<f64>, MetricFailure> {
+        Ok(Some(ssim_rgb(view.render, view.truth, view.width, view.height)?))
+    }
+
+    fn display(&self) -> Option<MetricDisplay> {
+        let display = MetricDisplay::new("SSIM", "SSIM", 4, Better::Higher);
+        Some(MetricDisplay { note: "RGB, Gaussian window", by_default: true, ..display })
+    }
+}
+
+/// [`ssim_gray`] of a view.
+pub(super) struct SsimGray;
+
+impl Metric for SsimGray {
+    fn value(&self, view: &MetricInput<'_>) -> Result<Option<f64>, MetricFailure> {
+        Ok(Some(ssim_gray(view.render, view.truth, view.width, view.height)?))
+    }
+
+    fn display(&self) -> Option<MetricDisplay> {
+        Some(MetricDisplay { note: "grey, 7x7", ..MetricDisplay::new("SSIM (grey)", "SSIM", 4, Better::Higher) })
+    }
 }
 
 fn check(a: &[f32], b: &[f32], width: usize, height: usize) -> Result<(), MetricError> {
