@@ -1,5 +1,5 @@
-//! Extension points: custom loss terms, space-time encoders, learning-rate schedules, densification rules, metrics and
-//! whole methods, without changes to this crate.
+//! Extension points: custom loss terms, space-time encoders, learning-rate schedules, densification rules, metrics, file
+//! formats, dataset layouts and whole methods, without changes to this crate.
 //!
 //! A small program registers them by name, then calls [`crate::main`]; from then on configurations, sweeps and commands
 //! accept these names. `docs/research.md` shows how; `examples/extended` is such a program.
@@ -11,6 +11,8 @@
 //! The functions that register are here; each trait is defined beside the code that uses it.
 
 pub use crate::config::sections::{Section, Settings};
+pub use crate::export::exporters::{Content, Exporter};
+pub use crate::export::splat_file::{SplatFileError, SplatFileOptions};
 pub use crate::method::network::{Network, OneNetwork, Seen};
 pub use crate::method::{Counts, Method, Model, Saved, Training};
 pub use crate::metrics::metric::{Better, MeasuredViews, Metric, MetricDisplay, MetricFailure, MetricInput, Networks};
@@ -22,6 +24,7 @@ pub use crate::train::losses::{LossInput, LossTerm, find_loss_term};
 pub use crate::train::rate_schedule::{Schedule, find_schedule};
 pub use volseggs_kernels::Camera as PinholeCamera;
 
+use crate::export::exporters::EXPORTERS;
 use crate::method::METHODS;
 use crate::metrics::metric::METRICS;
 use crate::model::defined_encoder::Defined;
@@ -53,6 +56,12 @@ pub fn densification(name: &str, rule: impl DensificationRule + 'static) {
 /// Registers a metric; every later evaluation computes it. It replaces a built-in metric of that name.
 pub fn metric(name: &str, metric: impl Metric + 'static) {
     METRICS.insert(name, Box::new(metric));
+}
+
+/// Registers a format of files for other programs; `volseggs export`, by the extension of `--out` or by `--format`, and the
+/// viewer write it. It replaces a built-in format of that extension.
+pub fn exporter(exporter: Exporter) {
+    EXPORTERS.insert(exporter.extension, Box::new(exporter));
 }
 
 /// Registers a method; `method = "NAME"`, or `volseggs train --method NAME`, trains with it. It replaces a built-in

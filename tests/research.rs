@@ -7,6 +7,8 @@ mod common;
 mod densification;
 #[path = "../examples/extended/encoder.rs"]
 mod encoder;
+#[path = "../examples/extended/exporter.rs"]
+mod exporter;
 #[path = "../examples/extended/loss.rs"]
 mod loss;
 #[path = "../examples/extended/metric.rs"]
@@ -39,6 +41,7 @@ fn register() {
     extend::schedule("warm-cosine", schedule::WarmCosine { warm: 0.05, last: 0.01 });
     extend::densification("opaque", densification::Opaque { opacity: 0.1 });
     extend::metric("foreground_psnr", metric::ForegroundPsnr);
+    extend::exporter(exporter::XYZ);
 }
 
 fn config(more: &[&str]) -> Config {
@@ -286,6 +289,14 @@ fn the_program_accepts_all_extensions() {
     };
     run(train_arguments(root.path(), "run", &settings));
     run(["eval", &text(root.path(), "run")].map(str::to_owned).to_vec());
+    let points = text(root.path(), "points.xyz");
+    for _ in 0..2 {
+        // the second time, the program replaces its own file
+        run(["export", &text(root.path(), "run"), "--refit", "0", "--out", &points].map(str::to_owned).to_vec());
+    }
+    let written = std::fs::read_to_string(&points).unwrap();
+    assert!(written.starts_with("# volseggs: x y z opacity\n# coordinates scene\n"), "{written}");
+    assert!(written.lines().last().unwrap().split(' ').filter_map(|v| v.parse::<f64>().ok()).count() == 4, "{written}");
 
     let kept: toml::Table = std::fs::read_to_string(root.path().join("run/config.toml")).unwrap().parse().unwrap();
     assert_eq!(kept["loss"]["extra"]["edges"].as_float(), Some(0.1));

@@ -1,6 +1,8 @@
 //! The files of the page in the browser, which are embedded in the program. Its declarations of types, `tsconfig.json`
 //! and `package.json` are for checks and tests only.
 
+use crate::export::exporters::Exporter;
+
 /// A file of the page.
 #[derive(Clone, Copy, Debug)]
 pub struct PageFile {
@@ -72,6 +74,21 @@ pub const MODULES: [PageFile; 33] = modules![
     "view-text.js",
 ];
 
+/// Where `index.html` lists what can be exported.
+const FORMATS: &str = "<select id=\"export-format\">";
+
+/// Returns `index.html` as it is served: with the formats that there are.
+#[must_use]
+pub fn with_formats(index: &str) -> String {
+    let option = |exporter: &Exporter| {
+        let content = if exporter.holds_gaussians() { "Gaussians" } else { exporter.labels().map(|_| "labels")? };
+        let extension = exporter.extension;
+        Some(format!("<option value=\"{extension}\">{content} ({})</option>", extension.to_uppercase()))
+    };
+    let options: String = Exporter::all().into_iter().filter_map(option).collect();
+    index.replacen(FORMATS, &[FORMATS, &options].concat(), 1)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -80,6 +97,15 @@ mod tests {
     fn the_page_is_small() {
         let bytes: usize = FILES.iter().chain(&MODULES).map(|f| f.bytes.len()).sum();
         assert!(bytes <= 250_000, "{bytes} bytes");
+    }
+
+    #[test]
+    fn the_page_lists_what_can_be_exported() {
+        let page = with_formats(std::str::from_utf8(FILES[0].bytes).unwrap());
+        let list = page.split(FORMATS).nth(1).unwrap().split("</select>").next().unwrap();
+        assert!(list.starts_with("<option value=\"ply\">Gaussians (PLY)</option>"), "{list}");
+        assert!(list.ends_with("<option value=\"vti\">labels (VTI)</option>"), "{list}");
+        assert_eq!(list.matches("<option").count(), 4, "{list}");
     }
 
     #[test]

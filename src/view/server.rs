@@ -2,7 +2,7 @@
 
 use super::auth::{Guard, name_of};
 use super::hub::{ClientId, Event, Hub, Outgoing};
-use super::page::{FILES, MODULES, PageFile};
+use super::page::{FILES, MODULES, PageFile, with_formats};
 use super::protocol::{Answer, FrameInfo, LONGEST, Request};
 use crate::words::plain;
 use axum::Router;
@@ -71,6 +71,10 @@ impl Shared {
 pub fn router(shared: Shared) -> Router {
     let mut router = Router::new().route("/ws", get(socket)).route("/host", get(host));
     for PageFile { path, media_type, bytes } in FILES.into_iter().chain(MODULES) {
+        let bytes = match std::str::from_utf8(bytes) {
+            Ok(index) if path == "/" => Bytes::from(with_formats(index)),
+            _ => Bytes::from_static(bytes),
+        };
         let file = move || async move { ([(header::CONTENT_TYPE, media_type)], bytes) };
         router = router.route(path, get(file));
     }

@@ -1,6 +1,7 @@
 //! Writers (and readers) of files for other programs.
 
 pub mod animation;
+pub mod exporters;
 pub mod exr;
 pub mod fields;
 pub mod images;

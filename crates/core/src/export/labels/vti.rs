@@ -12,47 +12,56 @@ const BLOCK: usize = 1 << 18;
 /// Encodes the whole file.
 pub(super) fn encode(volume: &LabelVolume<'_>, cells: &Cells) -> io::Result<Vec<u8>> {
     let kind = if cells.wide { "UInt16" } else { "UInt8" };
-    let [nx, ny, nz] = volume.grid.dims.map(|d| d - 1);
-    let ([sx, sy, sz], [ox, oy, oz]) = (volume.grid.spacing, volume.grid.origin);
-    let extent = format!("0 {nx} 0 {ny} 0 {nz}");
-    let direction = direction(&volume.grid);
     let n = volume.names.len();
     let values: Vec<String> = volume.names.iter().map(|l| l.value.to_string()).collect();
     let colours: Vec<String> = volume.names.iter().flat_map(|l| l.colour).map(|c| c.to_string()).collect();
-    let (comment, edited) = (volume.comment(), u8::from(volume.edited));
-    let mut file = format!(
+    let known = [
+        array("UInt16", r#"Name="label_values""#, n, &values.join(" ")),
+        array("String", r#"Name="label_names""#, n, &codes(volume.names.iter().map(|l| l.name.as_str()))),
+        array("Float32", r#"Name="label_colours" NumberOfComponents="3""#, n, &colours.join(" ")),
+        array("UInt8", r#"Name="edited""#, 1, if volume.edited { "1" } else { "0" }),
+    ];
+    let arrays = format!("        <DataArray type=\"{kind}\" Name=\"labels\" format=\"appended\" offset=\"0\"/>\n");
+    let mut data = Vec::new();
+    append(&mut data, &cells.bytes)?;
+    Ok(document(&volume.grid, &volume.comment(), &known.concat(), r#" Scalars="labels""#, &arrays, &data))
+}
+
+/// A line of an array that is written as text, with `attributes` besides its type and the number of its entries.
+pub fn array(kind: &str, attributes: &str, entries: usize, text: &str) -> String {
+    format!(
+        "      <DataArray type=\"{kind}\" {attributes} NumberOfTuples=\"{entries}\" format=\"ascii\">{text}</DataArray>\n"
+    )
+}
+
+/// Puts a file together: the lines of what is known of the whole, the attributes and lines of the arrays of points, and
+/// their appended `data`.
+pub fn document(grid: &Grid, comment: &str, known: &str, active: &str, arrays: &str, data: &[u8]) -> Vec<u8> {
+    let [nx, ny, nz] = grid.dims.map(|d| d - 1);
+    let ([sx, sy, sz], [ox, oy, oz]) = (grid.spacing, grid.origin);
+    let (extent, direction) = (format!("0 {nx} 0 {ny} 0 {nz}"), direction(grid));
+    let head = format!(
         r#"<?xml version="1.0"?>
 <!-- {comment} -->
 <VTKFile type="ImageData" version="1.0" byte_order="LittleEndian" header_type="UInt64" compressor="vtkZLibDataCompressor">
   <ImageData WholeExtent="{extent}" Origin="{ox} {oy} {oz}" Spacing="{sx} {sy} {sz}"{direction}>
     <FieldData>
-      <DataArray type="UInt16" Name="label_values" NumberOfTuples="{n}" format="ascii">{}</DataArray>
-      <DataArray type="String" Name="label_names" NumberOfTuples="{n}" format="ascii">{}</DataArray>
-      <DataArray type="Float32" Name="label_colours" NumberOfComponents="3" NumberOfTuples="{n}" format="ascii">{}</DataArray>
-      <DataArray type="UInt8" Name="edited" NumberOfTuples="1" format="ascii">{edited}</DataArray>
-    </FieldData>
+{known}    </FieldData>
     <Piece Extent="{extent}">
-      <PointData Scalars="labels">
-        <DataArray type="{kind}" Name="labels" format="appended" offset="0"/>
-      </PointData>
+      <PointData{active}>
+{arrays}      </PointData>
       <CellData/>
     </Piece>
   </ImageData>
   <AppendedData encoding="raw">
-   _"#,
-        values.join(" "),
-        codes(volume.names.iter().map(|l| l.name.as_str())),
-        colours.join(" "),
-    )
-    .into_bytes();
-    append(&mut file, &cells.bytes)?;
-    file.extend_from_slice(b"\n  </AppendedData>\n</VTKFile>\n");
-    Ok(file)
+   _"#
+    );
+    [head.as_bytes(), data, b"\n  </AppendedData>\n</VTKFile>\n"].concat()
 }
 
 /// The attribute for the directions of a grid, row by row. Readers from before VTK 9 know none, so that it is written only
 /// where it says something.
-pub fn direction(grid: &Grid) -> String {
+fn direction(grid: &Grid) -> String {
     if grid.directions.is_aligned() {
         return String::new();
     }
