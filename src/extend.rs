@@ -11,6 +11,8 @@
 //! The functions that register are here; each trait is defined beside the code that uses it.
 
 pub use crate::config::sections::{Section, Settings};
+pub use crate::data::dataset_layout::DatasetLayout;
+pub use crate::data::scan::Scan;
 pub use crate::export::exporters::{Content, Exporter};
 pub use crate::export::splat_file::{SplatFileError, SplatFileOptions};
 pub use crate::method::network::{Network, OneNetwork, Seen};
@@ -24,6 +26,7 @@ pub use crate::train::losses::{LossInput, LossTerm, find_loss_term};
 pub use crate::train::rate_schedule::{Schedule, find_schedule};
 pub use volseggs_kernels::Camera as PinholeCamera;
 
+use crate::data::dataset_layout::LAYOUTS;
 use crate::export::exporters::EXPORTERS;
 use crate::method::METHODS;
 use crate::metrics::metric::METRICS;
@@ -62,6 +65,12 @@ pub fn metric(name: &str, metric: impl Metric + 'static) {
 /// viewer write it. It replaces a built-in format of that extension.
 pub fn exporter(exporter: Exporter) {
     EXPORTERS.insert(exporter.extension, Box::new(exporter));
+}
+
+/// Registers a layout of datasets: whatever reads a dataset also reads folders that it recognises. It replaces a built-in
+/// layout of that name.
+pub fn dataset_layout(name: &str, layout: impl DatasetLayout + 'static) {
+    LAYOUTS.insert(name, Box::new(layout));
 }
 
 /// Registers a method; `method = "NAME"`, or `volseggs train --method NAME`, trains with it. It replaces a built-in

@@ -5,7 +5,7 @@ use super::{OpenRun, RunError, Trained};
 use crate::data::images::ImageSet;
 use crate::data::paths::Lens;
 use crate::data::transforms::FrameRecord;
-use crate::data::{Camera, SplitName, Transforms};
+use crate::data::{Camera, SplitName};
 use crate::export::images::to_rgb8;
 use crate::memory::{Budget, product};
 use glam::DVec3;
@@ -131,11 +131,10 @@ impl<S: Trained> OpenRun<S> {
     /// # Errors
     /// If the dataset's file of test views cannot be read, or has no view `n`.
     pub fn test_view(&self, n: usize, lens: Lens) -> Result<(Camera, f64), RunError> {
-        let path = SplitName::Test.json_path(&self.dataset()?);
-        let json = Transforms::read(&path)?.normalised(&self.record.normalisation);
+        let json = SplitName::Test.views(&self.dataset()?)?.normalised(&self.record.normalisation);
         let Some(frame) = json.frames.get(n) else {
             let last = json.frames.len().saturating_sub(1);
-            return Err(RunError::input(format!("--view {n}: {} has views 0 to {last}", path.display())));
+            return Err(RunError::input(format!("--view {n}: {} has views 0 to {last}", json.path.display())));
         };
         Ok((json.intrinsics.camera(lens.width, lens.height, frame.camera_to_world), frame.time))
     }
@@ -145,7 +144,7 @@ impl<S: Trained> OpenRun<S> {
     /// # Errors
     /// If the dataset's file of test views cannot be read.
     pub fn test_views(&self) -> Result<Vec<Placed>, RunError> {
-        let json = Transforms::read(&SplitName::Test.json_path(&self.dataset()?))?;
+        let json = SplitName::Test.views(&self.dataset()?)?;
         let json = json.normalised(&self.record.normalisation);
         let Lens { width, height, .. } = self.record.surroundings.lens;
         let (centre, _) = self.model().place();
@@ -166,13 +165,12 @@ impl<S: Trained> OpenRun<S> {
     /// If the file of test views cannot be read or has no view `n`, or the image cannot be read.
     pub fn test_image(&self, n: usize) -> Result<RgbImage, RunError> {
         let root = self.dataset()?;
-        let path = SplitName::Test.json_path(&root);
-        let json = Transforms::read(&path)?;
+        let json = SplitName::Test.views(&root)?;
         let Some(frame) = json.frames.get(n) else {
             let last = json.frames.len().saturating_sub(1);
-            return Err(RunError::input(format!("view {n}: {} has views 0 to {last}", path.display())));
+            return Err(RunError::input(format!("view {n}: {} has views 0 to {last}", json.path.display())));
         };
-        let images = ImageSet::load(&path, &[frame.image_path(&root)], self.config.data.downscale)?;
+        let images = ImageSet::load(&json.path, &[frame.image_path(&root)], self.config.data.downscale)?;
         let pixels = images.composite_with_alpha(0, self.model().background());
         Ok(to_rgb8(&pixels, images.width as usize, images.height as usize))
     }

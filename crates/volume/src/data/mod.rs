@@ -5,6 +5,7 @@ pub mod calibration;
 pub mod camera;
 mod carve;
 pub mod dataset;
+pub mod dataset_layout;
 pub mod error;
 mod fit;
 #[doc(hidden)]
