@@ -95,7 +95,7 @@ fn the_page_quotes_the_example_files() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let read = |path: &str| std::fs::read_to_string(root.join(path)).unwrap();
     let page = read("docs/research.md");
-    for name in ["main", "loss", "encoder", "schedule", "densification", "metric", "method"] {
+    for name in ["main", "loss", "encoder", "schedule", "densification", "metric", "exporter", "method"] {
         let path = format!("examples/extended/{name}.rs");
         assert!(page.contains(&format!("```rust\n{}```\n", read(&path))), "docs/research.md does not show {path}");
     }

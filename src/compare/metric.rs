@@ -1,8 +1,9 @@
 //! The quantities known to tables: the metrics of images, and what else is measured of a run or its segments. Names that
 //! are not known can be shown too.
 
+use crate::metrics::METRICS;
 pub use crate::metrics::metric::Better;
-use crate::metrics::metric::{METRICS, MetricDisplay, default_names};
+use crate::metrics::metric::{MetricDisplay, default_names};
 use serde::Serialize;
 
 const fn row(

@@ -7,7 +7,8 @@
 
 use super::regions::{ByRegion, Region};
 use super::run::Summary;
-use crate::metrics::metric::{METRICS, display};
+use crate::metrics::METRICS;
+use crate::metrics::metric::display;
 use crate::metrics::values::MetricValues;
 use serde::{Deserialize, Serialize};
 

@@ -8,7 +8,8 @@ use super::sheet::{SheetRow, contact_sheet};
 use super::speed::{self, Speed};
 use crate::csv;
 use crate::data::Split;
-use crate::metrics::metric::{METRICS, MeasuredViews, MetricInput, Networks, display};
+use crate::metrics::METRICS;
+use crate::metrics::metric::{MetricInput, Networks, display};
 use crate::metrics::psnr::to_8_bits;
 use crate::metrics::values::MetricValues;
 use crate::model::{Model, ToKernel};
@@ -220,8 +221,7 @@ pub fn evaluate(
     let mut notes = vec!["renders and the ground truth are compared as 8-bit images".to_owned()];
     for (name, metric) in METRICS.all() {
         let values: Vec<f64> = views.iter().filter_map(|v| v.metrics.get(&name)).collect();
-        let note = metric.note(&MeasuredViews { values: &values, pixels: w * h, networks });
-        notes.extend(note.filter(|note| !notes.contains(note)));
+        notes.extend(metric.note(&values, w * h, networks).filter(|note| !notes.contains(note)));
     }
     let counts = model.counts();
     let summary = Summary {

@@ -4,7 +4,7 @@ use super::key::short_hash;
 use super::plan::Plan;
 use super::spec::SegmentSpec;
 use crate::files::{RunPaths, read_text, write_atomic};
-use crate::metrics::metric::METRICS;
+use crate::metrics::METRICS;
 use crate::program;
 use crate::versioned::{self, VersionedError};
 use serde::de::{DeserializeOwned, IgnoredAny};

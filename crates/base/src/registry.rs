@@ -128,6 +128,7 @@ mod tests {
             [("z", "last letter"), ("b", "replaced"), ("a", "added")]
         );
         assert!(!registry.is_built_in("b"));
+        assert_eq!(registry.built_in_names().collect::<Vec<_>>(), ["z", "b"]);
     }
 
     #[test]

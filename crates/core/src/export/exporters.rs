@@ -1,26 +1,18 @@
-//! The table of formats that `volseggs export` writes, by the extension of the files. A built-in one lies beside its writer
-//! and is a line here; a program adds its own by `volseggs::extend`.
+//! What a format that `volseggs export` writes says of itself, and those of voxels. The table is in the module above.
 //!
-//! An entry is a description with functions and no trait, since nothing about a format has a state. Pictures, films and
+//! A format is a description with functions and no trait, since nothing about a format has a state. Pictures, films and
 //! numbers of pixels are not here: `volseggs render` makes them, of cameras and not of a scene.
 
+use super::EXPORTERS;
 use super::fields::{self, FieldVolume};
 use super::labels::{self, LabelVolume, LabelsError};
 use super::splat_file::{SplatFileError, SplatFileOptions};
-use super::{ply, spz};
 use crate::files::ReplaceError;
 use crate::model::HostGaussians;
-use crate::registry::Registry;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
 use std::ops::RangeInclusive;
 use std::path::Path;
-
-/// All formats, by extension. The first is that of a folder whose format is not given.
-pub static EXPORTERS: Registry<Exporter> = Registry::new(
-    "format",
-    &[("ply", &ply::EXPORTER), ("spz", &spz::EXPORTER), ("nrrd", &NRRD), ("vti", &VTI), ("npy", &NPY)],
-);
 
 /// A format of files for other programs.
 #[derive(Clone, Debug)]
@@ -68,22 +60,24 @@ pub type LabelWriter = fn(&Path, &LabelVolume<'_>) -> Result<(), LabelsError>;
 /// Writes fields into a file.
 pub type FieldWriter = fn(&Path, &FieldVolume<'_>) -> Result<(), ReplaceError>;
 
-const NRRD: Exporter = Exporter {
+/// What all is known of the voxels is in its header.
+pub(super) const NRRD: Exporter = Exporter {
     extension: "nrrd",
     endings: &["seg.nrrd"],
     description: "Labels of segments or fields on voxels, for 3D Slicer and others",
     content: Content::Voxels { labels: Some(labels::write_nrrd), fields: Some(fields::write_nrrd), states_space: true },
 };
 
-const VTI: Exporter = Exporter {
+/// VTK image data.
+pub(super) const VTI: Exporter = Exporter {
     extension: "vti",
     endings: &[],
     description: "Labels of segments or fields on voxels, for VTK and ParaView",
     content: Content::Voxels { labels: Some(labels::write_vti), fields: Some(fields::write_vti), states_space: false },
 };
 
-/// It has no room for the names of labels.
-const NPY: Exporter = Exporter {
+/// Arrays of numbers, without the names of labels.
+pub(super) const NPY: Exporter = Exporter {
     extension: "npy",
     endings: &[],
     description: "Fields on voxels, for NumPy",

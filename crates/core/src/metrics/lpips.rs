@@ -11,7 +11,7 @@ mod state_dict;
 mod tests;
 mod weights;
 
-use super::metric::{Better, MeasuredViews, Metric, MetricDisplay, MetricFailure, MetricInput, Networks};
+use super::metric::{Better, Metric, MetricDisplay, MetricFailure, MetricInput, Networks};
 use burn::tensor::activation::relu;
 use burn::tensor::module::{conv2d, max_pool2d};
 use burn::tensor::ops::{ConvOptions, MaxPoolOptions};
@@ -262,8 +262,8 @@ impl Metric for LpipsMetric {
         self.network(networks).is_some()
     }
 
-    fn note(&self, views: &MeasuredViews<'_>) -> Option<String> {
-        views.networks.lpips().is_empty().then(|| WEIGHTS.to_owned())
+    fn note(&self, _values: &[f64], _pixels: usize, networks: &Networks) -> Option<String> {
+        networks.lpips().is_empty().then(|| WEIGHTS.to_owned())
     }
 }
 

@@ -1,26 +1,11 @@
-//! The table of metrics: what every evaluation measures of an image, and how values are shown. A built-in metric is a
-//! [`Metric`] beside its function and one line here; a program adds its own by `volseggs::extend`.
+//! What a metric is: how an image is measured, and how values are shown. The table is in the module above.
 
-use super::lpips::{Lpips, LpipsError, LpipsMetric, LpipsNet};
-use super::psnr::Psnr;
-use super::ssim::{SsimGray, SsimRgb};
-use crate::registry::Registry;
+use super::METRICS;
+use super::lpips::{Lpips, LpipsError};
 use burn::tensor::Device;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::path::PathBuf;
-
-/// All metrics. The first is the headline: progress, labels and plots over time show it.
-pub static METRICS: Registry<dyn Metric> = Registry::new(
-    "metric",
-    &[
-        ("psnr", &Psnr),
-        ("ssim", &SsimRgb),
-        ("ssim_gray", &SsimGray),
-        ("lpips_alex", &LpipsMetric(LpipsNet::Alex)),
-        ("lpips_vgg", &LpipsMetric(LpipsNet::Vgg)),
-    ],
-);
 
 /// One view of an evaluation, on the host.
 #[derive(Clone, Copy, Debug)]
@@ -65,17 +50,6 @@ impl Networks {
     }
 }
 
-/// All views of an evaluation, for [`Metric::note`].
-#[derive(Clone, Copy, Debug)]
-pub struct MeasuredViews<'a> {
-    /// Values of the metric, one for each view that has one.
-    pub values: &'a [f64],
-    /// Pixels of an image.
-    pub pixels: usize,
-    /// The networks that were loaded.
-    pub networks: &'a Networks,
-}
-
 /// Why a metric could not be computed, such as an image smaller than its window.
 pub type MetricFailure = Box<dyn std::error::Error + Send + Sync>;
 
@@ -98,8 +72,9 @@ pub trait Metric: Send + Sync {
         true
     }
 
-    /// What a reader of the means should know, if anything. Metrics that say the same are quoted once.
-    fn note(&self, _views: &MeasuredViews<'_>) -> Option<String> {
+    /// What a reader of the means should know, if anything, of these `values`, one for each view that has one, of images of
+    /// `pixels` pixels. Metrics that say the same are quoted once.
+    fn note(&self, _values: &[f64], _pixels: usize, _networks: &Networks) -> Option<String> {
         None
     }
 }

@@ -1,6 +1,6 @@
 //! Peak signal-to-noise ratio, and the size checks shared by the image metrics.
 
-use super::metric::{Better, MeasuredViews, Metric, MetricDisplay, MetricFailure, MetricInput};
+use super::metric::{Better, Metric, MetricDisplay, MetricFailure, MetricInput, Networks};
 
 /// Why a metric cannot be computed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -79,9 +79,9 @@ impl Metric for Psnr {
         Some(MetricDisplay { unit: "dB", by_default: true, ..display })
     }
 
-    fn note(&self, views: &MeasuredViews<'_>) -> Option<String> {
-        let most = max_psnr_of_pictures(3 * views.pixels);
-        let (all, equal) = (views.values.len(), views.values.iter().filter(|v| **v >= most).count());
+    fn note(&self, values: &[f64], pixels: usize, _networks: &Networks) -> Option<String> {
+        let most = max_psnr_of_pictures(3 * pixels);
+        let (all, equal) = (values.len(), values.iter().filter(|v| **v >= most).count());
         (equal > 0).then(|| {
             format!(
                 "{equal} of {all} renders equal the ground truth; their PSNR is that of one value off by one step of 255"

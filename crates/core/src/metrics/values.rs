@@ -1,6 +1,7 @@
 //! Values of metrics by name, as they are measured, averaged and written.
 
-use super::metric::{METRICS, MetricDisplay, MetricFailure, MetricInput, default_names, display, headline};
+use super::METRICS;
+use super::metric::{MetricDisplay, MetricFailure, MetricInput, default_names, display, headline};
 use serde::de::Error;
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};

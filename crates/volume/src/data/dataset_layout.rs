@@ -1,16 +1,11 @@
-//! The table of dataset layouts: which files a folder has, and how the views of a split are read from them. A built-in
-//! layout is a file and one line here; a program adds its own by `volseggs::extend`.
+//! Dataset layouts: which files a folder has, and how the views of a split are read from them.
 
+use super::LAYOUTS;
 use super::dataset::SplitName;
 use super::error::DataError;
 use super::scan::Scan;
 use super::transforms::TransformsLayout;
-use crate::registry::Registry;
 use std::path::{Path, PathBuf};
-
-/// All layouts. A folder has the first one that recognises it.
-pub static LAYOUTS: Registry<dyn DatasetLayout> =
-    Registry::new("layout of datasets", &[("transforms", &TransformsLayout)]);
 
 /// A layout of dataset folders.
 pub trait DatasetLayout: Send + Sync {
