@@ -51,7 +51,7 @@ fn main() {
     // the same drawing without a server
     let open = OpenRun::open(&run, &device).unwrap();
     let mut look = Look::open(&open, Selection::open(&open, &[], true).unwrap(), Show::Colour, None).unwrap();
-    let prepared = look.prepare(&open.scene, 0.5, &device).unwrap();
+    let prepared = look.prepare(&open.scene, 0.5).unwrap();
     let around = open.record.surroundings;
     let view = View {
         eye: [around.sphere.radius, 0.0, 1.0],
@@ -70,7 +70,7 @@ fn main() {
     let camera = view.camera(1.0).to_kernel();
     let (started, mut bare) = (Instant::now(), 0);
     while started.elapsed() < SPAN {
-        look.draw(&open.scene, &prepared, camera, &device);
+        look.draw(&open.scene, &prepared, camera);
         bare += 1;
     }
     let bare = f64::from(bare) / started.elapsed().as_secs_f64();

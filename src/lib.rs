@@ -59,7 +59,8 @@ pub mod view;
 
 use volseggs_base::{csv, nesting, registry, terminal};
 pub use volseggs_base::{
-    draw, durations, files, log, memory, name, points, process, program, report, rng, shell, tensors, versioned, words,
+    draw, durations, files, log, memory, name, points, process, program, report, rng, shell, tensors, user_error,
+    versioned, words,
 };
 pub use volseggs_core::{config, device, export, metrics, model, train};
 pub use volseggs_methods as method;

@@ -18,6 +18,7 @@ use volseggs::model::ToKernel;
 use volseggs::run::{AnyRun, OpenRun};
 use volseggs::train::open_dataset;
 use volseggs::train::run::{RunContext, RunOptions, RunOutcome, Start};
+use volseggs::user_error::UserError;
 
 const SETTINGS: [&str; 7] = [
     "method=pixels",

@@ -1,7 +1,7 @@
 //! Exchange of memory between the CPU backends and the kernels.
 //!
 //! The kernels work on `&[f32]`; this file is the only one that knows how NdArray, Flex and LibTorch
-//! store a tensor. Results are handed over without a copy.
+//! store a tensor. Results are handed over without a copy. Ops are implemented for every [`CpuBackend`] at once.
 
 use burn::backend::Backend;
 use burn::backend::tensor::{FloatTensor, IntTensor};
@@ -27,19 +27,6 @@ pub(crate) trait CpuBackend: Backend {
         Self::int_from_data(TensorData::new(values, shape), device)
     }
 }
-
-/// Calls the macro `$bind`, which implements an op's traits, for each CPU backend that is compiled in.
-macro_rules! for_cpu_backends {
-    ($bind:ident) => {
-        #[cfg(feature = "ndarray")]
-        $bind!(burn_ndarray::NdArray);
-        #[cfg(feature = "flex")]
-        $bind!(burn_flex::Flex);
-        #[cfg(feature = "tch")]
-        $bind!(burn_tch::LibTorch);
-    };
-}
-pub(crate) use for_cpu_backends;
 
 /// Length from which buffers are written by all threads.
 const LARGE: usize = 1 << 16;

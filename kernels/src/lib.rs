@@ -6,6 +6,34 @@
 //! `cuda`). `contributors` is in `splat`, whose compositing rule it shares. `changes`, `shading` and `sine` are ops on
 //! the CPU and tensor operations on GPUs. `bell_rows` has functions over slices and is no op.
 //!
+//! | op | does | gradients |
+//! |---|---|---|
+//! | `splat` | Gaussians (rotations and scales, or covariances) and a camera -> colour and alpha `[H, W, 4]`, radii; on a GPU also their statistics for densification | all attributes, and `screen_offsets` |
+//! | `contributors` | Gaussians, a camera, pixels -> contributing Gaussians and their weights (lists on the host) | none |
+//! | `field` | points, a time, planes/lines/time vectors -> features | points and all parameters |
+//! | `decoder` | features, and numbers of each Gaussian's own -> changes of mean, rotation, log-scale, opacity; trunk and heads fused | all inputs and weights |
+//! | `changes` | changes `[N, 11]` -> by attribute; one gradient for the whole instead of one for each slice | changes |
+//! | `march` | optical depths and colours of ray samples, ray by ray -> colour and alpha `[R, 4]`; `sample` places them | depths and colours |
+//! | `path_opacity` | opacity logits as a camera sees them, by the ray's path through each Gaussian | all |
+//! | `photometric` | L1 or L2 of colour and alpha, and the mean square, in one pass; on a GPU also the target image from its bytes | first image, computed in the forward sweep |
+//! | `contrast` | contrastive loss of unit pixel features by mask; plain slices on the host, not a backend op | features, with the loss |
+//! | `sine` | rows and biases -> `sin(omega (x + b))`; tensor operations on GPUs | both |
+//! | `ssim` | mean SSIM, 11-tap Gaussian window | first image, computed in the forward sweep |
+//! | `tv` | smoothness of the field's parameters | all parameters, computed in the forward sweep |
+//! | `adam` | one step in place, rates by row pattern | none |
+//!
+//! `shading` is an op on the CPU and tensor operations on GPUs. `splat` calls it for the colours of shaded Gaussians
+//! (`model.appearance = "headlight"`), and `path_opacity` for the opacities that the camera sees (`model.path_opacity`), as do
+//! the lists of contributors, so that everything that draws, trains or cuts them out is consistent. Which bands
+//! the colour coefficients are of follows from their number (`sh::Bands`), so that nothing else can contradict it.
+//!
+//! Where the backward pass is an op too, its `...BackwardOps` trait is implemented by backends that compute, not by the one
+//! that records gradients: there is no second derivative.
+//!
+//! On a GPU the host reads almost nothing back: in training, the number of tile entries in one step of 16 and the loss in
+//! one of 20; densification statistics stay on the device until they are due. Only the field's gradients use float atomics
+//! (or compare and exchange); no kernel needs plane operations or 64-bit numbers.
+//!
 //! This crate does not deal with files, configurations or the command line.
 #![allow(deprecated)] // burn deprecates the NdArray backend in favour of Flex; both are supported here.
 

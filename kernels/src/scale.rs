@@ -1,6 +1,6 @@
 //! A gradient that a loss computed in its forward pass, times the gradient of the loss itself.
 
-use crate::backend::{CpuBackend, for_cpu_backends};
+use crate::backend::CpuBackend;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, TensorMetadata};
 use rayon::prelude::*;
@@ -14,28 +14,27 @@ pub trait ScaleOps: Backend {
     fn scaled(values: FloatTensor<Self>, by: FloatTensor<Self>) -> FloatTensor<Self>;
 }
 
-fn cpu<B: CpuBackend>(values: FloatTensor<B>, by: &FloatTensor<B>) -> FloatTensor<B> {
-    let by = B::values(by)[0];
-    if by == 1.0 {
-        return values;
-    }
-    let (shape, device) = (values.shape(), values.device());
-    let mut values = B::into_values(values);
-    values.par_chunks_mut(TASK).for_each(|values| values.iter_mut().for_each(|value| *value *= by));
-    B::tensor(values, shape, &device)
+/// The backward pass of a loss that computed its gradients in the forward pass: each of them times that of the loss, `by`
+/// `[1]`.
+pub(crate) fn scaled<B: ScaleOps, const N: usize>(
+    grads: [FloatTensor<B>; N],
+    by: FloatTensor<B>,
+) -> [FloatTensor<B>; N] {
+    grads.map(|grad| B::scaled(grad, by.clone()))
 }
 
-macro_rules! bind {
-    ($backend:ty) => {
-        impl ScaleOps for $backend {
-            fn scaled(values: FloatTensor<Self>, by: FloatTensor<Self>) -> FloatTensor<Self> {
-                cpu::<Self>(values, &by)
-            }
+impl<B: CpuBackend> ScaleOps for B {
+    fn scaled(values: FloatTensor<Self>, by: FloatTensor<Self>) -> FloatTensor<Self> {
+        let by = B::values(&by)[0];
+        if by == 1.0 {
+            return values;
         }
-    };
+        let (shape, device) = (values.shape(), values.device());
+        let mut values = B::into_values(values);
+        values.par_chunks_mut(TASK).for_each(|values| values.iter_mut().for_each(|value| *value *= by));
+        B::tensor(values, shape, &device)
+    }
 }
-
-for_cpu_backends!(bind);
 
 #[cfg(feature = "cube")]
 impl ScaleOps for burn_cubecl::CubeBackend {

@@ -3,9 +3,11 @@
 //! Under a headlight that shades both sides of a surface alike, a colour is the same seen along `d` and along `-d`: its
 //! odd bands are zero.
 //!
-//! The constants are those of the reference rasteriser, digit for digit; GPU kernels use them too. The oracle
-//! `splat::reference`, in f64 from the definition, and the rotation of coefficients in the main crate, which needs f64,
-//! are independent of them.
+//! The constants are those of the reference rasteriser, digit for digit; GPU kernels use them too. [`exact_basis`], in
+//! f64 from the definition, is independent of them: the oracle `splat::reference` and the rotation of coefficients in
+//! edits use it.
+
+use std::f64::consts::PI;
 
 /// The constant basis function, `1 / (2 sqrt(pi))`.
 pub const C0: f32 = 0.282_094_79;
@@ -78,6 +80,44 @@ pub fn basis(d: [f32; 3], degree: usize, bands: Bands) -> [f32; 16] {
         Bands::All => basis_of_all(d, degree),
         Bands::Even => basis_of_even(d, degree),
     }
+}
+
+/// Returns the 25 basis functions up to degree 4 at the unit direction `d`, in f64 from their definition: with
+/// single-precision constants, a rotation of coefficients would not be orthonormal to rounding.
+#[must_use]
+pub fn exact_basis([x, y, z]: [f64; 3]) -> [f64; 25] {
+    let (xx, yy, zz) = (x * x, y * y, z * z);
+    let norm = |a: f64| (a / PI).sqrt();
+    let (c1, c2) = (norm(3.0) / 2.0, norm(15.0) / 2.0);
+    let (c30, c31, c32) = (norm(35.0 / 2.0) / 4.0, norm(105.0) / 2.0, norm(21.0 / 2.0) / 4.0);
+    let (c40, c41, c42, c43) = (0.75 * norm(35.0), 0.75 * norm(35.0 / 2.0), 0.75 * norm(5.0), 0.75 * norm(5.0 / 2.0));
+    [
+        norm(1.0) / 2.0,
+        -c1 * y,
+        c1 * z,
+        -c1 * x,
+        c2 * x * y,
+        -c2 * y * z,
+        norm(5.0) / 4.0 * (2.0 * zz - xx - yy),
+        -c2 * x * z,
+        c2 / 2.0 * (xx - yy),
+        -c30 * y * (3.0 * xx - yy),
+        c31 * x * y * z,
+        -c32 * y * (4.0 * zz - xx - yy),
+        norm(7.0) / 4.0 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
+        -c32 * x * (4.0 * zz - xx - yy),
+        c31 / 2.0 * z * (xx - yy),
+        -c30 * x * (xx - 3.0 * yy),
+        c40 * x * y * (xx - yy),
+        -c41 * y * z * (3.0 * xx - yy),
+        c42 * x * y * (7.0 * zz - 1.0),
+        -c43 * y * z * (7.0 * zz - 3.0),
+        3.0 / 16.0 * norm(1.0) * (zz * (35.0 * zz - 30.0) + 3.0),
+        -c43 * x * z * (7.0 * zz - 3.0),
+        c42 / 2.0 * (xx - yy) * (7.0 * zz - 1.0),
+        -c41 * x * z * (xx - 3.0 * yy),
+        c40 / 4.0 * (xx * (xx - 3.0 * yy) - yy * (3.0 * xx - yy)),
+    ]
 }
 
 /// Returns the derivatives of the basis functions with respect to x, y and z of the direction (not renormalised).
@@ -227,5 +267,28 @@ mod tests {
         let (all, even) = (basis(d, 3, Bands::All), basis(d, 4, Bands::Even));
         assert_eq!((all[0], &all[4..9]), (even[0], &even[1..6]));
         assert!(even[15] == 0.0 && basis(d, 3, Bands::Even)[6..] == [0.0; 10]);
+    }
+
+    #[test]
+    fn basis_has_the_constants_of_3dgs() {
+        let [x, y, z] = [0.3, -0.5, 0.7].map(|c: f64| c / 0.83f64.sqrt());
+        let b = exact_basis([x, y, z]);
+        let expected = [
+            (1, -0.488_602_5 * y),
+            (4, 1.092_548_4 * x * y),
+            (5, -1.092_548_4 * y * z),
+            (6, 0.315_391_57 * (2.0 * z * z - x * x - y * y)),
+            (8, 0.546_274_22 * (x * x - y * y)),
+            (9, -0.590_043_6 * y * (3.0 * x * x - y * y)),
+            (10, 2.890_611_4 * x * y * z),
+            (11, -0.457_045_8 * y * (4.0 * z * z - x * x - y * y)),
+            (12, 0.373_176_33 * z * (2.0 * z * z - 3.0 * x * x - 3.0 * y * y)),
+            (14, 1.445_305_7 * z * (x * x - y * y)),
+            (15, -0.590_043_6 * x * (x * x - 3.0 * y * y)),
+        ];
+        for (k, value) in expected {
+            assert!((b[k] - value).abs() < 1e-7, "{k}");
+        }
+        assert!((b[0] - f64::from(C0)).abs() < 1e-7);
     }
 }

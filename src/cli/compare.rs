@@ -3,7 +3,7 @@
 use super::{CliError, print_json};
 use crate::compare::metric::default_columns;
 use crate::compare::runs::from_folders;
-use crate::compare::write::{WriteError, replace_report};
+use crate::compare::write::replace_report;
 use clap::Args;
 use std::path::PathBuf;
 use std::sync::LazyLock;
@@ -37,10 +37,7 @@ impl CompareArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let set = from_folders(&self.runs, &self.metrics).map_err(CliError::input)?;
         let text = match &self.out {
-            Some(out) => replace_report(out, &set).map_err(|e| match e {
-                WriteError::Replace(e) => e.into(),
-                other @ WriteError::File { .. } => CliError::failure(other),
-            })?,
+            Some(out) => replace_report(out, &set)?,
             None => crate::compare::write::table_text(&set),
         };
         if self.json {

@@ -1,7 +1,8 @@
 //! `volseggs completions`
 
 use super::{Cli, CliError};
-use clap::{Args, CommandFactory, ValueEnum};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, CommandFactory};
 use clap_complete::Shell;
 
 /// Print the completion script for a shell.
@@ -11,26 +12,15 @@ use clap_complete::Shell;
 )]
 pub struct CompletionsArgs {
     /// The shell.
-    shell: ShellName,
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum ShellName {
-    Bash,
-    Zsh,
-    Fish,
+    #[arg(value_parser = PossibleValuesParser::new(["bash", "zsh", "fish"]).try_map(|name| name.parse::<Shell>()))]
+    shell: Shell,
 }
 
 impl CompletionsArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let shell = match self.shell {
-            ShellName::Bash => Shell::Bash,
-            ShellName::Zsh => Shell::Zsh,
-            ShellName::Fish => Shell::Fish,
-        };
         // written to memory first, as the library panics if standard output is closed
         let mut script = Vec::new();
-        clap_complete::generate(shell, &mut Cli::command(), "volseggs", &mut script);
+        clap_complete::generate(self.shell, &mut Cli::command(), "volseggs", &mut script);
         out!("{}", String::from_utf8_lossy(&script));
         Ok(())
     }

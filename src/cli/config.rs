@@ -1,10 +1,9 @@
 //! `volseggs config`, and the options by which commands accept a configuration.
 
 use super::CliError;
-use crate::config::layers::{ConfigError, Layers, Resolved, file_schema};
+use crate::config::layers::{Layers, Resolved, file_schema};
 use crate::config::types::{Config, segment::SECTION as SEGMENT};
 use crate::config::{PRESET_IF_NONE_GIVEN, RESERVED_VARIABLES};
-use crate::files::is_user_error;
 use crate::method;
 use clap::{Args, Subcommand};
 use std::path::Path;
@@ -64,9 +63,7 @@ impl ConfigSource {
             _ => Ok(resolved),
         }
     }
-}
 
-impl ConfigSource {
     /// Resolves the configuration of a resumed run: `--config` if given, or else the run's own file, then variables and
     /// `--set`.
     pub(super) fn resolve_over(&self, run_config: &Path) -> Result<Resolved<Config>, CliError> {
@@ -129,14 +126,5 @@ impl ConfigArgs {
             }),
         }
         Ok(())
-    }
-}
-
-impl From<ConfigError> for CliError {
-    fn from(error: ConfigError) -> Self {
-        match &error {
-            ConfigError::Read { source, .. } if !is_user_error(source) => Self::failure(error),
-            _ => Self::input(error),
-        }
     }
 }

@@ -3,10 +3,8 @@
 use super::{CliError, Common, print_json, stop_flag};
 use crate::demo::{DemoError, DemoOptions, demo};
 use crate::shell;
-use crate::volume::synthetic::Synthetic;
 use clap::Args;
 use serde_json::json;
-use std::path::PathBuf;
 use std::time::Instant;
 
 /// Run the whole pipeline on a built-in scene, in minutes: prepare, train, evaluate and write a report.
@@ -15,18 +13,8 @@ use std::time::Instant;
     after_help = "Examples:\n  volseggs demo\n  volseggs demo --scene vortices --out checkpoints/vortices\n  volseggs demo --set stages.joint_steps=6000 --out checkpoints/longer\n\nAfter Ctrl-C, the same command resumes where it stopped."
 )]
 pub struct DemoArgs {
-    /// Folder for the dataset, the run and report.html.
-    #[arg(long, default_value = "checkpoints/demo", value_name = "DIR")]
-    out: PathBuf,
-    /// The scene: jets, vortices, shells, layers, beads or filaments.
-    #[arg(long, default_value = "jets", value_name = "NAME")]
-    scene: Synthetic,
-    /// Width and height of the images in pixels; larger images benefit from longer training.
-    #[arg(long, default_value_t = 200, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(16..=4096))]
-    size: u32,
-    /// Override a key of the `demo` preset; may be repeated.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    set: Vec<String>,
+    #[command(flatten)]
+    options: DemoOptions,
     #[command(flatten)]
     common: Common,
 }
@@ -36,15 +24,7 @@ impl DemoArgs {
         let (name, device) = self.common.device()?;
         let stop = stop_flag("stopping")?;
         let started = Instant::now();
-        let out = self.out.clone();
-        let options = DemoOptions {
-            out: self.out,
-            scene: self.scene,
-            size: self.size,
-            set: self.set,
-            device: (name.to_string(), device),
-        };
-        let outcome = demo(&options, &stop).map_err(|e| match e {
+        let outcome = demo(&self.options, (&name.to_string(), &device), &stop).map_err(|e| match e {
             DemoError::Input(_) => CliError::input(e),
             DemoError::Train(e) => e.into(),
             e => CliError::failure(e),
@@ -62,7 +42,7 @@ impl DemoArgs {
             s.views,
             started.elapsed().as_secs_f64(),
             outcome.report.display(),
-            shell::path(&out.join("run"))
+            shell::path(&self.options.out.join("run"))
         );
         if self.common.json {
             let stages: serde_json::Map<String, serde_json::Value> =

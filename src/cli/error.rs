@@ -1,11 +1,8 @@
 //! Errors as shown on the terminal.
 
-use crate::data::DataError;
-use crate::files::{LockError, ReplaceError};
-use crate::log::jsonl::JsonlError;
+use crate::files::LockError;
 use crate::run::RunError;
-use crate::train::TrainError;
-use crate::volume::error::VolumeError;
+use crate::user_error::UserError;
 use crate::words::plain;
 use std::fmt;
 
@@ -17,6 +14,14 @@ pub(super) fn or_elsewhere(error: RunError) -> CliError {
             CliError::input(format!("{error}; if the run is not yours to write to, pass --out DIR for the results"))
         }
         false => error.into(),
+    }
+}
+
+/// Refuses the first of these flags that was given.
+pub(super) fn refuse(flags: &[(&str, bool)], why: impl fmt::Display) -> Result<(), CliError> {
+    match flags.iter().find(|(_, given)| *given) {
+        Some((flag, _)) => Err(CliError::input(format!("{flag}: {why}"))),
+        None => Ok(()),
     }
 }
 
@@ -57,56 +62,16 @@ impl fmt::Display for CliError {
 
 impl std::error::Error for CliError {}
 
-impl From<DataError> for CliError {
-    fn from(error: DataError) -> Self {
+impl<E: UserError> From<E> for CliError {
+    fn from(error: E) -> Self {
         if error.is_input() { Self::input(error) } else { Self::failure(error) }
-    }
-}
-
-impl From<LockError> for CliError {
-    fn from(error: LockError) -> Self {
-        match error {
-            LockError::Held { .. } | LockError::ReadOnly { .. } => Self::input(error),
-            LockError::Io { .. } => Self::failure(error),
-        }
-    }
-}
-
-impl From<RunError> for CliError {
-    fn from(error: RunError) -> Self {
-        if error.is_input() { Self::input(error) } else { Self::failure(error) }
-    }
-}
-
-impl From<ReplaceError> for CliError {
-    fn from(error: ReplaceError) -> Self {
-        if error.is_input() { Self::input(error) } else { Self::failure(error) }
-    }
-}
-
-impl From<VolumeError> for CliError {
-    fn from(error: VolumeError) -> Self {
-        if error.is_input() { Self::input(error) } else { Self::failure(error) }
-    }
-}
-
-impl From<TrainError> for CliError {
-    fn from(error: TrainError) -> Self {
-        match error {
-            TrainError::Data(error) => error.into(),
-            TrainError::Config(_) | TrainError::Resume(_) => Self::input(error),
-            TrainError::Lock(error) => error.into(),
-            TrainError::Metrics(JsonlError::Line { .. }) => Self::input(error),
-            TrainError::NotFinite { .. } | TrainError::Log { .. } | TrainError::Metrics(_) | TrainError::Save(_) => {
-                Self::failure(error)
-            }
-        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::volume::error::VolumeError;
     use std::io::ErrorKind;
     use std::path::Path;
 

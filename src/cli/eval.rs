@@ -6,7 +6,7 @@ use super::values::count;
 use super::{CliError, Common, command_line, print_json};
 use crate::data::SplitName;
 use crate::eval::diagnosis;
-use crate::eval::results::{KIND, WriteError};
+use crate::eval::results::KIND;
 use crate::eval::run::Summary;
 use crate::eval::speed::Speed;
 use crate::files::{FolderKind, Work};
@@ -16,7 +16,7 @@ use crate::metrics::lpips::LpipsNet;
 use crate::metrics::metric::{Networks, display};
 use crate::metrics::values::MetricValues;
 use crate::run::measure::{MeasuredOn, measure};
-use crate::run::{AnyRun, OpenRun, RunError, Trained};
+use crate::run::{AnyRun, OpenRun, Trained};
 use crate::versioned::Versioned;
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -189,12 +189,6 @@ pub(super) fn results<S: Trained>(
         );
     }
     Ok(folder)
-}
-
-impl From<WriteError> for CliError {
-    fn from(error: WriteError) -> Self {
-        RunError::from(error).into()
-    }
 }
 
 #[cfg(test)]

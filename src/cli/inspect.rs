@@ -1,5 +1,6 @@
 //! `volseggs inspect`
 
+use super::error::refuse;
 use super::inspect_volume::{inspect_volume, is_volume};
 use super::{CliError, print_json};
 use crate::data::dataset_layout::{is_dataset, looked_for};
@@ -55,15 +56,14 @@ impl InspectArgs {
             check_file(picture)?;
         }
         if is_dataset(&self.path) {
-            self.refuse("--transfer-function", self.transfer_function.is_some())?;
-            self.refuse("--variable", self.variable.is_some())?;
+            self.refuse_volume_options(false)?;
             self.dataset()
         } else if RunPaths(&self.path).record().is_file() || !checkpoint::list(&self.path).is_empty() {
             // a run that was stopped at step 0 has a record, and no checkpoint yet
-            self.refuse_volume_options()?;
+            self.refuse_volume_options(true)?;
             self.run_folder()
         } else if extension == Some("ply") {
-            self.refuse_volume_options()?;
+            self.refuse_volume_options(true)?;
             let ply = ply::read(&self.path).map_err(CliError::input)?;
             let damaged = (0..ply.len()).filter(|i| !ply.is_finite(*i)).count();
             self.show(
@@ -76,7 +76,7 @@ impl InspectArgs {
                 }
             }
         } else if extension == Some("safetensors") {
-            self.refuse_volume_options()?;
+            self.refuse_volume_options(true)?;
             if TruthVolume::is_one(&self.path) { self.truth_volume() } else { self.tensors(&self.path) }
         } else if is_volume(&self.path) {
             let (transfer, picture) = (self.transfer_function.as_deref(), self.picture.as_deref());
@@ -94,15 +94,14 @@ impl InspectArgs {
         }
     }
 
-    fn refuse_volume_options(&self) -> Result<(), CliError> {
-        self.refuse("--transfer-function", self.transfer_function.is_some())?;
-        self.refuse("--variable", self.variable.is_some())?;
-        self.refuse("--picture", self.picture.is_some())
-    }
-
-    fn refuse(&self, flag: &str, given: bool) -> Result<(), CliError> {
-        let path = self.path.display();
-        if given { Err(CliError::input(format!("{flag}: {path} is not a volume; omit the option"))) } else { Ok(()) }
+    /// Refuses options that apply to volumes only, and --picture too if `picture` says so.
+    fn refuse_volume_options(&self, picture: bool) -> Result<(), CliError> {
+        let flags = [
+            ("--transfer-function", self.transfer_function.is_some()),
+            ("--variable", self.variable.is_some()),
+            ("--picture", picture && self.picture.is_some()),
+        ];
+        refuse(&flags, format!("{} is not a volume; omit the option", self.path.display()))
     }
 
     fn dataset(&self) -> Result<(), CliError> {

@@ -2,7 +2,7 @@
 
 use super::{CliError, print_json};
 use crate::memory::Bytes;
-use crate::metrics::lpips::convert::{ConvertError, Input, convert};
+use crate::metrics::lpips::convert::{Input, convert};
 use crate::shell;
 use clap::Args;
 use std::path::PathBuf;
@@ -25,12 +25,6 @@ pub struct LpipsArgs {
     /// Print one JSON object on standard output.
     #[arg(long)]
     json: bool,
-}
-
-impl From<ConvertError> for CliError {
-    fn from(error: ConvertError) -> Self {
-        if error.is_input() { Self::input(error) } else { Self::failure(error) }
-    }
 }
 
 impl LpipsArgs {

@@ -43,11 +43,14 @@ mod help_tests;
 pub use error::CliError;
 
 use crate::device::DeviceName;
+use crate::files::Work;
 use crate::memory::{Budget, Bytes};
+use crate::run::OpenRun;
 use crate::words::plain;
 use burn::tensor::Device;
 use clap::{ArgMatches, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use std::ffi::OsString;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -106,6 +109,16 @@ impl Common {
     fn device(&self) -> Result<(DeviceName, Device), CliError> {
         let name: DeviceName = self.device.parse().map_err(CliError::input)?;
         Ok((name, name.open().map_err(CliError::input)?))
+    }
+
+    /// Opens a run, or one of its checkpoints, for reading.
+    fn open(&self, run: &Path) -> Result<OpenRun, CliError> {
+        Ok(OpenRun::open(run, &self.device()?.1)?)
+    }
+
+    /// Opens a run for writing, see [`OpenRun::open_to_write`].
+    fn open_to_write(&self, run: &Path, work: Work) -> Result<OpenRun, CliError> {
+        Ok(OpenRun::open_to_write(run, &self.device()?.1, &command_line(), work)?)
     }
 }
 

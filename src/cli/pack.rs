@@ -1,7 +1,6 @@
 //! `volseggs pack`
 
 use super::{CliError, Common, print_json};
-use crate::run::OpenRun;
 use crate::run::pack::pack;
 use crate::shell;
 use clap::Args;
@@ -24,8 +23,7 @@ pub struct PackArgs {
 
 impl PackArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let (_, device) = self.common.device()?;
-        let packed = pack(&OpenRun::open(&self.run, &device)?, &self.out)?;
+        let packed = pack(&self.common.open(&self.run)?, &self.out)?;
         if self.common.json {
             return print_json(&packed);
         }

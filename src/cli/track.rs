@@ -93,7 +93,7 @@ impl TrackArgs {
         };
         let tracked = progress::bar(times.count(), "times tracked");
         let drawn = progress::bar(times.count(), "times drawn");
-        let found = follow(&run, &request, &device, |stage| {
+        let found = follow(&run, &request, |stage| {
             match stage {
                 Stage::Followed => tracked.inc(1),
                 Stage::Drawn => {

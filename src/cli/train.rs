@@ -13,25 +13,22 @@ use crate::versioned::Versioned;
 use clap::Args;
 use std::path::{Path, PathBuf};
 
-/// The example that only builds with the viewer show.
-#[cfg(feature = "view")]
-macro_rules! watching {
-    () => {
+/// What follows the options in the help.
+fn after_help() -> String {
+    // only builds with the viewer have it
+    let watch = if cfg!(feature = "view") {
         "  volseggs train --data DATASET --config quick --out checkpoints/first --view   # and watch in a browser\n"
-    };
-}
-#[cfg(not(feature = "view"))]
-macro_rules! watching {
-    () => {
+    } else {
         ""
     };
+    format!(
+        "Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --resume checkpoints/first                                  # resume\n  volseggs train --resume checkpoints/first --set stages.joint_steps=40000   # train longer\n{watch}\nCtrl-C saves a checkpoint; --resume continues from the newest one, on a CPU with the same result as an uninterrupted training.\nOn resuming, --device, --data (a dataset that was moved), output.*, optim.average and insitunet.vgg may change, and stages.joint_steps may increase: learning rates then follow the new length from there on."
+    )
 }
 
 /// Train a scene from posed, timed images, with this project's method or another one.
 #[derive(Debug, Args)]
-#[command(
-    after_help = concat!("Examples:\n  volseggs train --data DATASET --config quick --out checkpoints/first\n  volseggs train --data DATASET --config best --set loss.dssim=0 --set seed=3 --out checkpoints/no-dssim\n  volseggs train --resume checkpoints/first                                  # resume\n  volseggs train --resume checkpoints/first --set stages.joint_steps=40000   # train longer\n", watching!(), "\nCtrl-C saves a checkpoint; --resume continues from the newest one, on a CPU with the same result as an uninterrupted training.\nOn resuming, --device, --data (a dataset that was moved), output.*, optim.average and insitunet.vgg may change, and stages.joint_steps may increase: learning rates then follow the new length from there on.")
-)]
+#[command(after_help = after_help())]
 pub struct TrainArgs {
     /// Dataset folder with transforms_train.json (and transforms_test.json for live test PSNR).
     #[arg(long, value_name = "DATASET", required_unless_present = "resume")]

@@ -1,10 +1,12 @@
 //! `volseggs view`
 
 use super::data::DataArgs;
-use super::serving::{ServingArgs, explain};
+use super::serving::explain;
 use super::{CliError, Common, stop_flag};
-use crate::view::listen::Serving;
-use crate::view::{ViewOptions, serve};
+use crate::view::listen::{Serving, ServingOptions};
+use crate::view::others::Other;
+use crate::view::serve;
+use crate::view::workspace::Workspace;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -23,7 +25,7 @@ pub struct ViewCommand {
     #[command(flatten)]
     data: DataArgs,
     #[command(flatten)]
-    serving: ServingArgs,
+    serving: ServingOptions,
     #[command(flatten)]
     common: Common,
 }
@@ -31,17 +33,10 @@ pub struct ViewCommand {
 impl ViewCommand {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let options = ViewOptions {
-            run: self.run,
-            data: self.data.data,
-            with: self.with,
-            device,
-            reach: self.serving.reach(),
-            read_only: self.serving.read_only,
-            cache: self.serving.cache(),
-        };
         let stop = stop_flag("closing the viewer")?;
-        serve(&options, &stop, |serving| {
+        let space = Workspace::open(&self.run, self.data.data.as_deref(), &device, self.serving.read_only)?;
+        let others = Other::open(&self.with, &device)?;
+        serve(space, others, &self.serving, &stop, |serving| {
             if self.common.json {
                 let Serving { url, address, socket } = serving;
                 // an address without the file name's odd bytes is still an address

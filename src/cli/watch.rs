@@ -1,13 +1,13 @@
 //! `volseggs train --view`
 
 use super::CliError;
-use super::serving::{ServingArgs, explain};
+use super::serving::explain;
 use crate::config::types::Config;
 use crate::device::DeviceName;
 use crate::method;
 use crate::train::run::{RunContext, RunOutcome};
-use crate::view::beside::{BesideOptions, beside};
-use crate::view::listen::Listening;
+use crate::view::beside::beside;
+use crate::view::listen::{Listening, ServingOptions};
 use burn::tensor::Device;
 use clap::Args;
 
@@ -20,13 +20,13 @@ pub struct WatchArgs {
     #[arg(long)]
     view: bool,
     #[command(flatten, next_help_heading = "With --view")]
-    serving: ServingArgs,
+    serving: ServingOptions,
 }
 
 impl WatchArgs {
     /// Starts listening, if the run is to be shown.
     pub(super) fn listen(&self) -> Result<Option<Listening>, CliError> {
-        Ok(self.view.then(|| Listening::open(&self.serving.reach())).transpose()?)
+        Ok(self.view.then(|| Listening::open(&self.serving)).transpose()?)
     }
 
     /// Rejects showing the training of a method without persistent Gaussians.
@@ -52,7 +52,6 @@ impl WatchArgs {
         let Some(listening) = listening else { return Ok(method::train(context, device)?) };
         // a GPU is left to the training
         let drawn_on = DeviceName::cpu().and_then(|name| name.open().ok()).unwrap_or_else(|| device.clone());
-        let (read_only, cache) = (self.serving.read_only, self.serving.cache());
         let serving = listening.serving().clone();
         let ready = || {
             if json {
@@ -63,9 +62,7 @@ impl WatchArgs {
             explain(&serving, "the viewer ends with the training; Ctrl-C ends both and saves a checkpoint");
         };
         let (outcome, served) =
-            beside(listening, &BesideOptions { device: drawn_on, read_only, cache }, ready, |observer| {
-                method::train(context.observed_by(observer), device)
-            });
+            beside(listening, &drawn_on, ready, |observer| method::train(context.observed_by(observer), device));
         if let Err(error) = served {
             errln!("note: the viewer ended before the training did: {error}");
         }

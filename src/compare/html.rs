@@ -16,71 +16,48 @@ use super::stats;
 use crate::export::images::encode_png;
 use crate::report::{Block, Report, Section};
 
-/// A table of finished text.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct PlainTable {
-    /// Text above; may be empty.
-    pub caption: String,
-    /// Headings of the columns.
-    pub head: Vec<String>,
-    /// Cells by row; the first cell names its row. A cell enclosed in `**` is bold.
-    pub rows: Vec<Vec<String>>,
-}
-
 /// Builds the page of `set` with `tables` and, below them, `order`: how the order of variants agrees with the paper's.
 /// Curves, configurations and pictures are read from the run folders; missing ones are omitted.
 #[must_use]
-pub fn report(set: &ResultSet, tables: &[PlainTable], order: Option<&PlainTable>) -> Report {
-    let section = |id: &str, title: &str, intro: String, blocks: Vec<Block>| Section {
-        id: id.to_owned(),
-        title: title.to_owned(),
-        intro,
-        blocks,
-    };
+pub fn report(set: &ResultSet, mut tables: Vec<Block>, order: Option<Block>) -> Report {
     let against = set.paper.as_ref().map_or_else(String::new, |paper| format!("The paper: {}.", paper.source));
-    let mut tables: Vec<Block> = tables.iter().map(table).collect();
     if tables.is_empty() {
         tables.push(Block::Missing { what: "the table".to_owned(), how: String::new() });
     }
     let sections = vec![
-        section("summary", "At a glance", String::new(), vec![Block::Numbers(runs::headline(set))]),
-        section("table", "Table", String::new(), tables),
-        section("order", "Comparison with the paper", against, order.map(table).into_iter().collect()),
-        section(
+        Section::new("summary", "At a glance", "", vec![Block::Numbers(runs::headline(set))]),
+        Section::new("table", "Table", "", tables),
+        Section::new("order", "Comparison with the paper", against, order.into_iter().collect()),
+        Section::new(
             "curves",
             "Learning curves",
-            "Means over seeds. Test PSNR is measured on the few views that are evaluated during training.".to_owned(),
+            "Means over seeds. Test PSNR is measured on the few views that are evaluated during training.",
             plots::learning(set),
         ),
-        section(
+        Section::new(
             "cost",
             "Quality against cost",
-            "Means over seeds; whiskers are one standard deviation.".to_owned(),
+            "Means over seeds; whiskers are one standard deviation.",
             plots::cost(set),
         ),
-        section(
+        Section::new(
             "settings",
             "Settings and outcome",
-            "One line per run, through the settings that vary.".to_owned(),
+            "One line per run, through the settings that vary.",
             plots::settings(set),
         ),
-        section(
+        Section::new(
             "views",
             "The same view",
-            "The ground truth, then each variant's first seed above its error map.".to_owned(),
+            "The ground truth, then each variant's first seed above its error map.",
             sheets(set).iter().map(view_sheet).collect(),
         ),
-        section("runs", "Runs", String::new(), runs::list(set)),
-        section("failures", "Failures", String::new(), runs::failures(set)),
+        Section::new("runs", "Runs", "", runs::list(set)),
+        Section::new("failures", "Failures", "", runs::failures(set)),
     ];
     let title = if set.title.trim().is_empty() { set.name.clone() } else { set.title.clone() };
     let sections = sections.into_iter().filter(|section| !section.blocks.is_empty()).collect();
     Report { title, subtitle: set.note.clone(), sections }
-}
-
-fn table(table: &PlainTable) -> Block {
-    let PlainTable { caption, head, rows } = table.clone();
-    Block::Table { head, rows, caption, highlight: None }
 }
 
 fn view_sheet(sheet: &VariantSheet) -> Block {

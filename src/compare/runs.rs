@@ -2,6 +2,7 @@
 
 use super::metric;
 use super::results::{Outcome, OutcomeState, ResultSet};
+use crate::config::flatten;
 use crate::eval::run::Summary;
 use crate::files::{RunPaths, read_text};
 use crate::memory::MIB;
@@ -13,7 +14,7 @@ use crate::words::plain;
 use std::collections::BTreeMap;
 use std::fmt::{Display, Formatter};
 use std::path::{Path, PathBuf};
-use toml::{Table, Value};
+use toml::Table;
 
 /// Returns the metrics of an evaluated run, by id.
 #[must_use]
@@ -204,22 +205,9 @@ fn read<T: serde::de::DeserializeOwned>(path: &Path, hint: &str) -> Result<T, Ru
 
 /// Returns the leaves of `config` that differ from `base`, by dotted key.
 fn differences(base: &Table, config: &Table) -> BTreeMap<String, String> {
-    fn walk(prefix: &str, base: Option<&Table>, table: &Table, out: &mut BTreeMap<String, String>) {
-        for (key, value) in table {
-            let name = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
-            let before = base.and_then(|b| b.get(key));
-            match value {
-                Value::Table(inner) => walk(&name, before.and_then(Value::as_table), inner, out),
-                value if before != Some(value) => {
-                    out.insert(name, value.to_string());
-                }
-                _ => {}
-            }
-        }
-    }
-    let mut out = BTreeMap::new();
-    walk("", Some(base), config, &mut out);
-    out
+    let base = flatten(base);
+    let differs = flatten(config).into_iter().filter(|(key, value)| base.get(key) != Some(value));
+    differs.map(|(key, value)| (key, value.to_string())).collect()
 }
 
 #[cfg(test)]

@@ -8,26 +8,17 @@ pub(crate) mod tests;
 pub use ordering::{Ordering, Pair, Verdict, orderings};
 
 use super::metric::{Better, Column};
+use super::places::distinct;
 use super::results::{Outcome, OutcomeState, ResultSet};
 use super::stats::{Difference, deviation, difference, mean};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// A table of results.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Table {
-    /// Name used in file names and labels.
-    pub name: String,
-    /// Heading.
-    pub title: String,
-    /// A sentence or two; may be empty.
-    pub note: String,
-    /// A sentence naming the builds of the program that trained and measured the runs; may be empty.
-    pub builds: String,
-    /// Heading of the column of variants.
-    pub head: String,
-    /// The variant that differences are relative to.
-    pub baseline: String,
+#[derive(Clone, Debug, PartialEq)]
+pub struct Table<'s> {
+    /// What it is the table of.
+    pub set: &'s ResultSet,
     /// The metrics, in the order of the cells.
     pub metrics: Vec<Column>,
     /// Which columns are shown.
@@ -96,11 +87,11 @@ pub struct Failure {
     pub error: String,
 }
 
-impl Table {
+impl<'s> Table<'s> {
     /// Builds the table of a set. Rows are ordered by dataset, device, segment and variant, each in the order of its
     /// first appearance.
     #[must_use]
-    pub fn new(set: &ResultSet) -> Self {
+    pub fn new(set: &'s ResultSet) -> Self {
         let metrics = columns(set);
         let mut rows = rows(set, &metrics);
         for group in rows.chunk_by_mut(Row::same_group) {
@@ -115,17 +106,7 @@ impl Table {
             device: varies(|row| &row.device),
             segment: varies(|row| &row.segment),
         };
-        Self {
-            name: set.name.clone(),
-            title: set.title.clone(),
-            note: set.note.clone(),
-            builds: set.builds(),
-            head: set.head.clone(),
-            baseline: set.baseline.clone(),
-            metrics,
-            shows,
-            rows,
-        }
+        Self { set, metrics, shows, rows }
     }
 
     /// Whether any cell has a difference to the baseline.
@@ -158,12 +139,6 @@ impl Row {
     #[must_use]
     pub fn outcomes(&self) -> usize {
         self.done + self.missing + self.stopped + self.failures.len()
-    }
-
-    /// The first error, if any run failed.
-    #[must_use]
-    pub fn error(&self) -> Option<&str> {
-        self.failures.first().map(|f| f.error.as_str())
     }
 
     fn new(outcome: &Outcome, metrics: usize) -> Self {
@@ -211,13 +186,7 @@ impl Cell {
 
 /// The columns of the set's metrics, each once.
 fn columns(set: &ResultSet) -> Vec<Column> {
-    let mut out: Vec<Column> = Vec::new();
-    for id in &set.metrics {
-        if !out.iter().any(|column| column.id == *id) {
-            out.push(Column::of(id));
-        }
-    }
-    out
+    distinct(set.metrics.iter()).into_iter().map(|id| Column::of(id)).collect()
 }
 
 fn rows(set: &ResultSet, metrics: &[Column]) -> Vec<Row> {

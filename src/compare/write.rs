@@ -1,43 +1,21 @@
 //! The files of a comparison: report.md, report.html, table.tex, results.csv, results.json, and TensorBoard logs.
 
-use super::html::{PlainTable, report};
+use super::html::report;
 use super::results::{Outcome, OutcomeState, ResultSet};
 use super::table::{Ordering, Table, orderings};
 use super::text;
 use super::{curves, metric::Column};
-use crate::files::{AtomicDir, FolderKind, ReplaceError, write_atomic};
+use crate::files::{AtomicDir, FolderKind, WriteError, write_atomic};
 use crate::log::tensorboard::{EventWriter, HyperParameter, SessionEnd};
-use crate::report::ReportError;
+use crate::report::{Block, ReportError};
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
-use thiserror::Error;
-
-/// Why a report was not written.
-#[derive(Debug, Error)]
-pub enum WriteError {
-    /// A file could not be written.
-    #[error("{}: {reason}", path.display())]
-    File {
-        /// The file or folder.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
-    /// Something else is at the path.
-    #[error(transparent)]
-    Replace(#[from] ReplaceError),
-}
-
-fn at<E: std::fmt::Display>(path: &Path) -> impl FnOnce(E) -> WriteError {
-    let path = path.to_owned();
-    move |e| WriteError::File { path, reason: e.to_string() }
-}
+use std::path::Path;
 
 /// Returns the table of `set` as Markdown, with differences, orderings and failures.
 #[must_use]
 pub fn table_text(set: &ResultSet) -> String {
     let table = Table::new(set);
-    text::markdown(&table, &orderings(set, &table))
+    text::markdown(&table, &orderings(&table))
 }
 
 /// The folder of a comparison.
@@ -73,42 +51,42 @@ pub fn replace_report(folder: &Path, set: &ResultSet) -> Result<String, WriteErr
 /// # Errors
 /// The first file that cannot be written.
 pub fn write_report(folder: &Path, set: &ResultSet) -> Result<String, WriteError> {
-    std::fs::create_dir_all(folder).map_err(at(folder))?;
+    std::fs::create_dir_all(folder).map_err(WriteError::at(folder))?;
     let table = Table::new(set);
-    let orderings = orderings(set, &table);
+    let orderings = orderings(&table);
     let markdown = text::markdown(&table, &orderings);
     let put = |name: &str, bytes: &[u8]| {
         let path = folder.join(name);
-        write_atomic(&path, bytes).map_err(at(&path))
+        write_atomic(&path, bytes).map_err(WriteError::at(&path))
     };
     put("report.md", markdown.as_bytes())?;
     put("table.tex", text::latex(&table).as_bytes())?;
     put("results.csv", text::csv(set).as_bytes())?;
-    let json = serde_json::to_vec_pretty(&text::json(set, &table, &orderings)).map_err(at(folder))?;
+    let json = serde_json::to_vec_pretty(&text::json(&table, &orderings)).map_err(WriteError::at(folder))?;
     put("results.json", &json)?;
     tensorboard(folder, set)?;
     let page = folder.join("report.html");
-    page_of(set, &table, &orderings).write(&page).map_err(|ReportError::Write { source, .. }| at(&page)(source))?;
+    page_of(&table, &orderings)
+        .write(&page)
+        .map_err(|ReportError::Write { source, .. }| WriteError::at(&page)(source))?;
     Ok(markdown)
 }
 
-fn page_of(set: &ResultSet, table: &Table, orderings: &[Ordering]) -> crate::report::Report {
-    let plain = |caption: String, grid: text::Grid| PlainTable { caption, rows: grid.starred(), head: grid.head };
-    let of = ["Mean and deviation over seeds; the best is bold.", &table.builds].join(" ");
+fn page_of(table: &Table<'_>, orderings: &[Ordering]) -> crate::report::Report {
+    let block = |caption, head, rows| Block::Table { caption, head, rows, highlight: None };
+    let plain = |caption: String, grid: text::Grid| block(caption, grid.head.clone(), grid.starred());
+    let of = ["Mean and deviation over seeds; the best is bold.", &table.set.builds()].join(" ");
     let mut tables = vec![plain(of.trim_end().to_owned(), text::results(table))];
     let caption = || {
         let sure =
             if table.has_intervals() { ", with its 95 % confidence interval" } else { " (one seed: no intervals)" };
-        format!("Difference to {}{sure}.", set.baseline)
+        format!("Difference to {}{sure}.", table.set.baseline)
     };
     tables.extend(text::differences(table).map(|grid| plain(caption(), grid)));
     let cells = |o: &Ordering| [&o.what, &o.theirs, &o.ours, &o.outcome].map(Clone::clone).to_vec();
-    let order = PlainTable {
-        caption: String::new(),
-        head: ["metric", "order in the paper", "order here", "pairs"].map(str::to_owned).to_vec(),
-        rows: orderings.iter().map(cells).collect(),
-    };
-    report(set, &tables, Some(&order).filter(|order| !order.rows.is_empty()))
+    let head = ["metric", "order in the paper", "order here", "pairs"].map(str::to_owned).to_vec();
+    let order = (!orderings.is_empty()).then(|| block(String::new(), head, orderings.iter().map(cells).collect()));
+    report(table.set, tables, order)
 }
 
 /// Name of the file that marks a folder of logs.
@@ -118,7 +96,7 @@ const MARKER: &str = "comparison";
 /// metrics of those that finished.
 fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
     let path = folder.join("tensorboard");
-    let out = AtomicDir::create(&path).map_err(at(&path))?;
+    let out = AtomicDir::create(&path).map_err(WriteError::at(&path))?;
     let metrics: Vec<Column> = set.metrics.iter().map(|id| Column::of(id)).collect();
     let tags: Vec<String> = set.metrics.iter().map(|id| format!("final/{id}")).collect();
     let shown: Vec<(&str, &str)> = tags.iter().map(String::as_str).zip(metrics.iter().map(|m| &*m.head)).collect();
@@ -153,13 +131,13 @@ fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
         let short: String = group.chars().take(50).collect();
         let name: String = format!("{number:03} {short} seed {}", outcome.seed).chars().map(plain).collect();
         let dir = out.dir().join(name);
-        let mut events = EventWriter::create(&dir).map_err(at(&dir))?;
+        let mut events = EventWriter::create(&dir).map_err(WriteError::at(&dir))?;
         let curves = curves::read(&outcome.run);
         let last = curves.train.last().or(curves.test.last()).map_or(0, |(s, _)| *s as u64);
-        events.hparams(&settings, &shown, &group).map_err(at(&dir))?;
+        events.hparams(&settings, &shown, &group).map_err(WriteError::at(&dir))?;
         for (tag, curve) in [("train/psnr", &curves.train), ("test/psnr", &curves.test)] {
             for (step, value) in curve {
-                events.scalar(*step as u64, tag, *value as f32).map_err(at(&dir))?;
+                events.scalar(*step as u64, tag, *value as f32).map_err(WriteError::at(&dir))?;
             }
         }
         // a stopped run has neither a final value nor an end: its live test PSNR is of fewer steps and views
@@ -171,14 +149,14 @@ fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
         if end == Some(SessionEnd::Success) {
             for (id, tag) in set.metrics.iter().zip(&tags) {
                 if let Some(value) = outcome.metrics.get(id) {
-                    events.scalar(last, tag, *value as f32).map_err(at(&dir))?;
+                    events.scalar(last, tag, *value as f32).map_err(WriteError::at(&dir))?;
                 }
             }
         }
         if let Some(end) = end {
-            events.session_end(end).map_err(at(&dir))?;
+            events.session_end(end).map_err(WriteError::at(&dir))?;
         }
-        events.flush().map_err(at(&dir))?;
+        events.flush().map_err(WriteError::at(&dir))?;
     }
     // each run has a folder of its own in there, named after it
     let kind = FolderKind {
@@ -186,8 +164,8 @@ fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
         markers: &[MARKER],
         entries: &["[0-9]* seed */events.out.tfevents.*"],
     };
-    std::fs::write(out.dir().join(MARKER), "").map_err(at(&path))?;
-    out.commit_replacing(&kind, &[]).map_err(at(&path))
+    std::fs::write(out.dir().join(MARKER), "").map_err(WriteError::at(&path))?;
+    out.commit_replacing(&kind, &[]).map_err(WriteError::at(&path))
 }
 
 /// A setting's TOML text as a value.

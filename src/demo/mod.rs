@@ -20,10 +20,9 @@ use crate::run::measure::{MeasuredOn, measure};
 use crate::run::{AnyRun, OpenRun};
 use crate::train::run::{RunContext, RunOptions, RunOutcome, Start};
 use crate::train::{TrainError, open_dataset};
-use crate::volume::placement::published_side;
-use crate::volume::raycast::DEFAULT_STEP;
 use crate::volume::synthetic::Synthetic;
 use burn::tensor::Device;
+use clap::Args;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
@@ -33,18 +32,20 @@ use thiserror::Error;
 const FOV: f64 = 20.0 * std::f64::consts::PI / 180.0;
 
 /// Options of [`demo`].
-#[derive(Debug)]
+#[derive(Args, Clone, Debug)]
 pub struct DemoOptions {
-    /// Output folder: `data/`, `run/`, `report.html`.
+    /// Folder for the dataset, the run and report.html.
+    #[arg(long, default_value = "checkpoints/demo", value_name = "DIR")]
     pub out: PathBuf,
-    /// The scene.
+    /// The scene: jets, vortices, shells, layers, beads or filaments.
+    #[arg(long, default_value = "jets", value_name = "NAME")]
     pub scene: Synthetic,
-    /// Width and height of the images in pixels; the volume's resolution scales with it.
+    /// Width and height of the images in pixels; larger images benefit from longer training.
+    #[arg(long, default_value_t = 200, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(16..=4096))]
     pub size: u32,
-    /// Overrides of the `demo` preset, `key=value`.
+    /// Override a key of the `demo` preset; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// The device and its name.
-    pub device: (String, Device),
 }
 
 /// The outcome of [`demo`].
@@ -100,11 +101,15 @@ pub(crate) struct Results<'a> {
 /// Names the holder of the run to other processes.
 const COMMAND: &str = "volseggs demo";
 
-/// Runs the demo.
+/// Runs the demo on a device, of which the record of the run gives the name.
 ///
 /// # Errors
 /// The stage that failed, or that it was interrupted by `stop`.
-pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, DemoError> {
+pub fn demo(
+    options: &DemoOptions,
+    (name, device): (&str, &Device),
+    stop: &AtomicBool,
+) -> Result<DemoOutcome, DemoError> {
     let resolved = method::layers()
         .source("demo")
         .env(std::env::vars_os(), RESERVED_VARIABLES)
@@ -138,11 +143,11 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
         start: Start::NewOrResume,
         command: COMMAND.into(),
         config_toml: resolved.to_toml().map_err(failed("train"))?,
-        device_name: options.device.0.clone(),
+        device_name: name.to_owned(),
         stop_after: None,
     };
     let context = RunContext { lock: Some(&lock), stop, ..RunContext::new(&resolved.value, &dataset, &run_options) };
-    let outcome = method::train(context, &options.device.1)?;
+    let outcome = method::train(context, device)?;
     if !outcome.reason.is_complete() {
         return Err(DemoError::Interrupted);
     }
@@ -150,7 +155,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
 
     errln!("\n3/5 evaluate: {} test views", prepared.test_views);
     let started = Instant::now();
-    let trained = AnyRun::open_any(&run_folder, &options.device.1).map_err(failed("evaluate"))?;
+    let trained = AnyRun::open_any(&run_folder, device).map_err(failed("evaluate"))?;
     let on = MeasuredOn::open(&trained, None, SplitName::Test).map_err(failed("evaluate"))?;
     let test = trained.measured(SplitName::Test, None, None).map_err(failed("evaluate"))?;
     let bar = progress::bar(test.frames.len(), "views");
@@ -166,7 +171,7 @@ pub fn demo(options: &DemoOptions, stop: &AtomicBool) -> Result<DemoOutcome, Dem
     errln!("4/5 segment and track");
     let started = Instant::now();
     let trained = trained.gaussians().map_err(failed("segment"))?;
-    let segments = segments::segments(options, &trained, &data).map_err(failed("segment"))?;
+    let segments = segments::segments(&trained, &data).map_err(failed("segment"))?;
     stages.push(("segment and track".to_owned(), started.elapsed().as_secs_f64()));
 
     errln!("5/5 report");
@@ -193,11 +198,8 @@ fn prepare_stage(options: &DemoOptions, data: &Path, stop: &AtomicBool) -> Resul
             test_views: 61,
             ..ViewOptions::default()
         },
-        side: published_side(),
-        step: DEFAULT_STEP,
         segments: SegmentOptions { views: 7, steps: SegmentSteps::OfViews, label_images: true },
-        replace: false,
-        needed: Vec::new(),
+        ..PrepareOptions::default()
     };
     if let Some(record) = PrepareRecord::read(data).map_err(|e| DemoError::Input(e.to_string()))? {
         if record.source == source.describe() && record.size == plan.views.size {

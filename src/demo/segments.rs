@@ -1,6 +1,6 @@
 //! The demo's segmentation and tracking: each known segment is selected by one click, measured, and tracked over time.
 
-use super::{DemoOptions, FOV};
+use super::FOV;
 use crate::data::Truth;
 use crate::data::paths::{Lens, RADIUS, orbit};
 use crate::draw::plot::{Series, line_plot};
@@ -12,8 +12,6 @@ use crate::model::{HostGaussians, ToKernel};
 use crate::name::Name;
 use crate::run::segments::{RunSegments, by_colour};
 use crate::run::{OpenRun, RunError, affinity};
-use crate::segment::baselines::saga::SagaOptions;
-use crate::segment::masks::origin::MaskKind;
 use crate::segment::pictures::draw;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
 use crate::track::follow::{FollowOptions, Followed, Followup, follow};
@@ -84,25 +82,17 @@ fn save(run: &OpenRun, found: &Segmentation, lifted: Option<Lifted>, time: f64) 
 }
 
 /// Segments, measures and tracks; writes `segments/` and `eval/segments/` of the run.
-pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Result<SegmentStory, String> {
+pub(super) fn segments(run: &OpenRun, data: &Path) -> Result<SegmentStory, String> {
     let scene = &run.scene;
     let truth = Truth::read(data).map_err(|e| e.to_string())?;
     let mut config = run.config.segment.clone();
     (config.affinity.steps, config.affinity.pixels) = (STEPS, PIXELS);
     let plan = SegmentOptions {
-        time: 0.5,
         methods: vec![Method::Coarse, Method::CoarseFine],
-        segments: Vec::new(),
-        unions: Vec::new(),
-        clicks: 1,
         oracle: false,
-        masks: MaskKind::Regions,
         views: MASK_VIEWS,
-        bias: None,
         config,
-        seed: 0,
-        saga: SagaOptions::default(),
-        mask_alpha: None,
+        ..SegmentOptions::default()
     };
     let work = AtomicDir::create(&run.paths().eval().join("masks")).map_err(|e| e.to_string())?;
     let widening = run.widening();
@@ -134,7 +124,7 @@ pub(super) fn segments(options: &DemoOptions, run: &OpenRun, data: &Path) -> Res
     let lens = Lens { fov_x: FOV, width: WIDTH, height: WIDTH };
     let camera = orbit(8, RADIUS, 0.35, lens)[0].to_kernel();
     let alone = |at: &HostGaussians, members: &[u32]| {
-        let image = draw(&at.subset(members), scene.spec.rendering().seen_by(camera), &options.device.1);
+        let image = draw(&at.subset(members), scene.spec.rendering().seen_by(camera), &run.device());
         to_rgb8(&image, WIDTH as usize, WIDTH as usize)
     };
     let mut frame = 0;

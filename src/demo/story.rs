@@ -89,10 +89,18 @@ fn segments(data: &Path) -> Result<Vec<(Vec<u8>, String)>, String> {
 
 /// Learning curve: PSNR over steps, from the run's `metrics.jsonl`.
 fn learning_curve(run: &Path) -> String {
-    let found = curves::read(run);
+    let curves = curves::read(run);
+    let mean = |points: &[(f64, f64)]| -> Vec<(f64, f64)> {
+        let n = (points.len() / 60).max(1);
+        let mid = |c: &[(f64, f64)]| {
+            let k = c.len() as f64;
+            (c.iter().map(|p| p.0).sum::<f64>() / k, c.iter().map(|p| p.1).sum::<f64>() / k)
+        };
+        points.chunks(n).map(mid).collect()
+    };
     let series = [
-        Series { name: "training views".into(), points: curves::smooth(&found.train) },
-        Series { name: "test views".into(), points: found.test },
+        Series { name: "training views".into(), points: mean(&curves.train) },
+        Series { name: "test views".into(), points: curves.test },
     ];
     line_plot("Learning curve", "step", "PSNR, dB", &series)
 }
@@ -133,15 +141,9 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
         .map(|i| format!("time {:.2}", i as f64 / (pictures.turntable.len() - 1).max(1) as f64))
         .collect();
     let [truth, render] = pictures.compare;
-    let section = |id: &str, title: &str, intro: &str, blocks: Vec<Block>| Section {
-        id: id.into(),
-        title: title.into(),
-        intro: intro.into(),
-        blocks,
-    };
     let total: f64 = results.stages.iter().map(|(_, seconds)| seconds).sum();
     let mut sections = vec![
-        section(
+        Section::new(
             "scene",
             "The trained scene",
             "Rendered from the Gaussians alone, without the volume, while the camera orbits and time advances.",
@@ -155,7 +157,7 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
                 Block::Numbers(numbers),
             ],
         ),
-        section(
+        Section::new(
             "quality",
             "Quality",
             "How close the renders are to the ray-cast ground truth, in unseen views and mostly at unseen times.",
@@ -201,7 +203,7 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
         ),
     ];
     if !pictures.segments.is_empty() {
-        sections.push(section(
+        sections.push(Section::new(
             "segments",
             "Segments",
             "The scene's parts are known, so what a click selects can be measured: a click on each part at one time, \
@@ -210,7 +212,7 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
         ));
     }
     let run = shell::path(&results.options.out.join("run"));
-    sections.push(section(
+    sections.push(Section::new(
         "time",
         "Where the time went",
         "",
@@ -225,7 +227,7 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
             )),
         ],
     ));
-    sections.push(section(
+    sections.push(Section::new(
         "yours",
         "Use your own data",
         "Volumes as .raw (with a small .toml), .nrrd, .vti, .nii or .npy; or posed images in the D-NeRF layout.",

@@ -3,41 +3,11 @@
 use super::run::{Evaluation, Summary, to_csv};
 use crate::draw::plot::{Series, line_plot};
 use crate::export::images::encode_png;
-use crate::files::{AtomicDir, FolderKind, ReplaceError, read_regular};
+use crate::files::{AtomicDir, FolderKind, WriteError, read_regular};
 use crate::metrics::metric::headline;
 use crate::versioned;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use thiserror::Error;
-
-/// Why results could not be written.
-#[derive(Debug, Error)]
-pub enum WriteError {
-    /// Something else is where they belong.
-    #[error(transparent)]
-    Replace(#[from] ReplaceError),
-    /// A file could not be written.
-    #[error("{}: {reason}", path.display())]
-    File {
-        /// The folder.
-        path: PathBuf,
-        /// The reason.
-        reason: String,
-    },
-}
-
-impl WriteError {
-    /// Returns whether the user can fix it by making room.
-    #[must_use]
-    pub fn is_input(&self) -> bool {
-        matches!(self, Self::Replace(error) if error.is_input())
-    }
-
-    /// Returns a conversion to the error of a file in `folder`.
-    pub(super) fn at<E: std::fmt::Display>(folder: &Path) -> impl Fn(E) -> Self {
-        move |e| Self::File { path: folder.to_owned(), reason: e.to_string() }
-    }
-}
 
 /// Kind of an evaluation's folder.
 pub const KIND: FolderKind = FolderKind {

@@ -12,7 +12,6 @@ use crate::segment::fine::views::read_views;
 use crate::segment::masks::MaskReader;
 use crate::segment::segmentation::members_key;
 use crate::shell;
-use burn::tensor::Device;
 use std::time::Instant;
 
 /// Mask scale at which features are shown.
@@ -59,7 +58,7 @@ pub struct Trained {
 ///
 /// # Errors
 /// If the field is missing, damaged, or was trained on another state of the scene.
-pub fn open(run: &OpenRun, device: &Device) -> Result<(AffinityField, AffinitySpec), RunError> {
+pub fn open(run: &OpenRun) -> Result<(AffinityField, AffinitySpec), RunError> {
     let path = run.paths().affinity();
     if !path.exists() {
         let run_path = shell::path(&run.path);
@@ -73,7 +72,7 @@ pub fn open(run: &OpenRun, device: &Device) -> Result<(AffinityField, AffinitySp
             path.display()
         )));
     }
-    let (field, spec) = file::load(&path, device).map_err(RunError::input)?;
+    let (field, spec) = file::load(&path, &run.device()).map_err(RunError::input)?;
     if spec.scene != run.scene.fingerprint() {
         return Err(RunError::input(format!(
             "{}: trained on another state of this scene; run `volseggs segment fine` again",
@@ -98,7 +97,7 @@ pub fn save(run: &OpenRun, field: &AffinityField, frame: Frame, time: f64, sprea
 /// # Errors
 /// As for [`open`].
 pub(super) fn colours(run: &OpenRun) -> Result<Vec<[f32; 3]>, RunError> {
-    let (field, spec) = open(run, &run.scene.gaussians.means.val().device())?;
+    let (field, spec) = open(run)?;
     let at = run.scene.host_at(spec.time as f32);
     let features = field.features(&spec.frame.encode(&at.means), SCALE);
     let (mean, axes) = principal(&features, FEATURES, 3);
@@ -126,7 +125,6 @@ pub fn fit(
     run: &OpenRun,
     options: &AffinityConfig,
     seed: u64,
-    device: &Device,
     mut goes_on: impl FnMut(Stage) -> bool,
 ) -> Result<Option<Trained>, RunError> {
     let all = run.segments()?;
@@ -165,8 +163,8 @@ pub fn fit(
         Ok(named.members.clone())
     };
     let members = header.segments.iter().enumerate().map(of).collect::<Result<Vec<_>, RunError>>()?;
-    let (rendering, mut done) = (run.scene.spec.rendering(), 0);
-    let (views, spreads) = read_views(&masks, (&at, rendering), &frame, &members, seed, device, |_| {
+    let (rendering, device, mut done) = (run.scene.spec.rendering(), run.device(), 0);
+    let (views, spreads) = read_views(&masks, (&at, rendering), &frame, &members, seed, &device, |_| {
         done += 1;
         goes_on(Stage::Read { done, all: header.views.len() });
     })
@@ -178,7 +176,7 @@ pub fn fit(
 
     let (mut smooth, mut stopped) = (None, false);
     let started = Instant::now();
-    let field = train(&views, options, seed, device, |step, loss| {
+    let field = train(&views, options, seed, &device, |step, loss| {
         let mean = smooth.map_or(loss, |s: f64| 0.98 * s + 0.02 * loss);
         smooth = Some(mean);
         stopped = !goes_on(Stage::Step { done: step + 1, loss: mean });

@@ -191,6 +191,7 @@ impl<S: Trained> OpenRun<S> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::user_error::UserError;
 
     #[test]
     fn distances_too_near_or_too_far_are_refused() {

@@ -2,6 +2,7 @@
 
 use crate::data::DataError;
 use crate::files::{LockError, ReplaceError};
+use crate::user_error::UserError;
 use std::fmt::Display;
 
 /// Why an operation on a run failed. The messages name the file or the request, and what to do about it.
@@ -34,13 +35,14 @@ impl RunError {
     pub fn failure(error: impl Display) -> Self {
         Self::Failure(error.to_string())
     }
+}
 
-    /// Returns whether the user can fix it.
-    #[must_use]
-    pub fn is_input(&self) -> bool {
+impl UserError for RunError {
+    fn is_input(&self) -> bool {
         match self {
-            Self::Input(_) | Self::Lock(LockError::Held { .. } | LockError::ReadOnly { .. }) => true,
-            Self::Failure(_) | Self::Lock(LockError::Io { .. }) => false,
+            Self::Input(_) => true,
+            Self::Failure(_) => false,
+            Self::Lock(error) => error.is_input(),
             Self::Data(error) => error.is_input(),
             Self::Replace(error) => error.is_input(),
         }

@@ -11,7 +11,6 @@ use crate::segment::segmentation::Origin;
 use crate::track::follow::{self as track, FollowOptions, Followed, Followup};
 use crate::track::report::{PictureOptions, ReportError, ReportFolder};
 use crate::track::statistics::{SegmentStatistics, Status};
-use burn::tensor::Device;
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -124,7 +123,6 @@ pub fn measure(
 pub fn follow(
     run: &OpenRun,
     request: &FollowRequest<'_>,
-    device: &Device,
     mut goes_on: impl FnMut(Stage) -> bool,
 ) -> Result<Option<Vec<Followup>>, RunError> {
     let wanted = wanted(run, request.segments, request.group)?;
@@ -142,11 +140,11 @@ pub fn follow(
     let found = follow_all(run, &wanted, times, || goes_on(Stage::Followed))?;
     let Some(mut found) = found else { return Ok(None) };
 
-    let (camera, rendering) = (request.camera, run.scene.spec.rendering());
+    let (camera, rendering, device) = (request.camera, run.scene.spec.rendering(), run.device());
     for (i, &time) in times.iter().enumerate() {
         let at = shown.edited(&run.scene, time as f32)?;
         // one after the other: drawing a single picture uses all threads
-        let alone = |w: &Wanted| draw(&at.subset(&w.members), rendering.seen_by(camera.to_kernel()), device);
+        let alone = |w: &Wanted| draw(&at.subset(&w.members), rendering.seen_by(camera.to_kernel()), &device);
         let pictures: Vec<Vec<f32>> = wanted.iter().map(alone).collect();
         let label = in_sheet(i, times.len()).then(|| format!("t = {time:.2}"));
         let size = [camera.width as usize, camera.height as usize];

@@ -261,6 +261,7 @@ impl SavedPath {
 mod tests {
     use super::super::view::tests::view;
     use super::*;
+    use crate::user_error::UserError;
 
     fn key(seconds: f64, time: f64, angle: f64, distance: f64) -> Key {
         let (sin, cos) = angle.to_radians().sin_cos();

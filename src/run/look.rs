@@ -10,7 +10,7 @@ use super::{OpenRun, RunError, affinity};
 use crate::data::Calibration;
 use crate::edit::Edit;
 use crate::model::params::to_vec;
-use crate::model::{HostGaussians, Rendering, Scene};
+use crate::model::{HostGaussians, Model, Rendering, Scene};
 use crate::segment::paint::{by_segment, depth_range, flat, highlight};
 use crate::segment::pictures::picture;
 use crate::segment::segmentation::Segmentation;
@@ -218,9 +218,9 @@ impl Look {
     ///
     /// # Errors
     /// If an edit cannot be applied.
-    pub fn prepare(&mut self, scene: &Scene, time: f32, device: &Device) -> Result<Prepared, RunError> {
+    pub fn prepare(&mut self, scene: &Scene, time: f32) -> Result<Prepared, RunError> {
         let Self { selection: shown, still, light, .. } = self;
-        let (shown, degree) = (&*shown, scene.spec.sh_degree);
+        let (shown, degree, device) = (&*shown, scene.spec.sh_degree, &scene.device());
         let mut prepared = match &mut self.kind {
             Kind::Colour if shown.is_plain() => {
                 Prepared(Shown::Colours { inputs: Some(Box::new(scene.inputs_at(time))), degree, shared: true })
@@ -258,7 +258,7 @@ impl Look {
     /// Returns what this look prepared, with all Gaussians but the `members` (indices below N, ascending) made faint.
     /// Only opacities change, so this is cheap.
     #[must_use]
-    pub fn highlight(&self, prepared: &Prepared, members: &[u32], device: &Device) -> Prepared {
+    pub fn highlight(&self, prepared: &Prepared, members: &[u32]) -> Prepared {
         let shown = self.selection.members();
         let stays = |i: usize| {
             let gaussian = shown.map_or(i as u32, |shown| shown[i]);
@@ -270,8 +270,8 @@ impl Look {
             Shown::Colours { inputs: Some(inputs), .. } => {
                 let mut logits = to_vec(inputs.opacity_logits.clone());
                 highlight(&mut logits, stays);
-                inputs.opacity_logits =
-                    Tensor::from_data(TensorData::new(logits, inputs.opacity_logits.dims()), device);
+                let (dims, device) = (inputs.opacity_logits.dims(), inputs.opacity_logits.device());
+                inputs.opacity_logits = Tensor::from_data(TensorData::new(logits, dims), &device);
             }
             Shown::Depth(at) => highlight(&mut at.opacity_logits, stays),
         }
@@ -282,18 +282,13 @@ impl Look {
     ///
     /// # Errors
     /// As for [`Look::prepare`].
-    pub fn frame(
-        &mut self,
-        scene: &Scene,
-        (camera, time): (Camera, f32),
-        device: &Device,
-    ) -> Result<Vec<f32>, RunError> {
-        let prepared = self.prepare(scene, time, device)?;
-        Ok(self.draw(scene, &prepared, camera, device))
+    pub fn frame(&mut self, scene: &Scene, (camera, time): (Camera, f32)) -> Result<Vec<f32>, RunError> {
+        let prepared = self.prepare(scene, time)?;
+        Ok(self.draw(scene, &prepared, camera))
     }
 
     /// Draws one frame `[H, W, 4]` of what was prepared: colour over the scene's background, and alpha.
-    pub fn draw(&mut self, scene: &Scene, prepared: &Prepared, camera: Camera, device: &Device) -> Vec<f32> {
+    pub fn draw(&mut self, scene: &Scene, prepared: &Prepared, camera: Camera) -> Vec<f32> {
         let background = scene.spec.background;
         match &prepared.0 {
             Shown::Colours { inputs: None, .. } => {
@@ -305,7 +300,7 @@ impl Look {
                 to_vec(splat(*inputs.clone(), rendering.seen_by(camera)).image)
             }
             Shown::Depth(at) => {
-                let picture = picture(at, scene.spec.rendering().seen_by(camera), device);
+                let picture = picture(at, scene.spec.rendering().seen_by(camera), &scene.device());
                 let Kind::Depth { range, palette } = &mut self.kind else { return picture.rgba };
                 *range = range.or_else(|| depth_range(&picture));
                 palette.depth(&picture, range.unwrap_or_default(), background)

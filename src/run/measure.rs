@@ -3,12 +3,13 @@
 use super::{AnyRun, OpenRun, RunError, Trained};
 use crate::data::dataset::measured_fingerprint;
 use crate::data::{Dataset, OpenOptions, Split, SplitName};
-use crate::eval::results::{DataId, WriteError, results_folder, write_results};
+use crate::eval::results::{DataId, results_folder, write_results};
 use crate::eval::run::{Costs, Evaluation, Sample, evaluate};
-use crate::files::FolderKind;
+use crate::files::{FolderKind, WriteError};
 use crate::metrics::metric::Networks;
 use crate::metrics::values::MetricValues;
 use crate::train::{open_trained, trained_times};
+use crate::user_error::UserError;
 use std::path::{Path, PathBuf};
 
 /// Maximum number of training views measured in addition to those of another split.

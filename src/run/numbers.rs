@@ -12,7 +12,6 @@ use crate::model::ToKernel;
 use crate::model::params::to_vec;
 use crate::segment::pictures::{mean_values, picture};
 use crate::track::velocity::{Component, velocities};
-use burn::tensor::Device;
 use std::path::Path;
 
 /// The format of a file of numbers.
@@ -72,14 +71,13 @@ impl Quantity {
         shown: &Selection,
         calibration: &Calibration,
         (camera, time): (&Camera, f64),
-        device: &Device,
     ) -> Result<Vec<f32>, RunError> {
         let at = shown.edited(&run.scene, time as f32)?;
         let settings = run.scene.spec.rendering().seen_by(camera.to_kernel());
         let scaled = |v: f32, scale: f64| (f64::from(v) * scale) as f32;
         Ok(match self {
             Self::Depth => {
-                let depth = picture(&shown.cut(at), settings, device).depth;
+                let depth = picture(&shown.cut(at), settings, &run.device()).depth;
                 let length = calibration.length_scale();
                 // what is drawn lies in front of the camera, so 0 is nothing
                 depth.iter().map(|d| if *d > 0.0 { scaled(*d, length) } else { f32::NAN }).collect()
@@ -90,7 +88,7 @@ impl Quantity {
                     Some(members) => members.iter().flat_map(|&i| &all[3 * i as usize..][..3]).copied().collect(),
                     None => all,
                 };
-                let mean = mean_values(&shown.cut(at), &alone(all), settings, device);
+                let mean = mean_values(&shown.cut(at), &alone(all), settings, &run.device());
                 let mean: Vec<f32> = mean.iter().map(|v| scaled(*v, calibration.speed_scale())).collect();
                 component.map_or(mean.clone(), |component| component.of(&mean))
             }
@@ -109,13 +107,12 @@ pub fn write(
     (quantity, calibration): (Quantity, &Calibration),
     views: &[(Camera, f64)],
     (out, format): (&Path, NumberFormat),
-    device: &Device,
     mut goes_on: impl FnMut() -> bool,
 ) -> Result<bool, RunError> {
     let Some((first, _)) = views.first() else { return Err(RunError::input("there is no view")) };
     let [width, height] = [first.width as usize, first.height as usize];
     let channels = quantity.channels();
-    let frame = |(camera, time): &(Camera, f64)| quantity.frame(run, shown, calibration, (camera, *time), device);
+    let frame = |(camera, time): &(Camera, f64)| quantity.frame(run, shown, calibration, (camera, *time));
     match format {
         NumberFormat::Exr => {
             let [view] = views else {

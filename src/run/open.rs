@@ -212,6 +212,12 @@ impl<S: Trained> OpenRun<S> {
         self.scene.model()
     }
 
+    /// Returns the device that it is on.
+    #[must_use]
+    pub fn device(&self) -> Device {
+        self.model().device()
+    }
+
     /// Takes the lock of a run that is open for reading, for one change; what others wrote in the meantime must be read
     /// again. Waits for short work of others for up to `patience`.
     ///

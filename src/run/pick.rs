@@ -106,7 +106,6 @@ impl Clicking {
         segments: &Segmentation,
         field: Option<&(AffinityField, AffinitySpec)>,
         time: f64,
-        device: &Device,
     ) -> Self {
         let at = run.scene.host_at(time as f32);
         // the field is evaluated at the positions of the time it was trained at
@@ -114,7 +113,7 @@ impl Clicking {
             Some((_, spec)) if spec.time != time => to_vec(run.scene.at(spec.time as f32).means),
             _ => at.means.clone(),
         };
-        let (rendering, device) = (run.scene.spec.rendering(), device.clone());
+        let (rendering, device) = (run.scene.spec.rendering(), run.device());
         let (segments, field, config) = (segments.clone(), field.cloned(), run.config.segment.clone());
         let (known, around) = (RefCell::default(), Arc::default());
         Self { at, rendering, time, segments, field, config, places, known, around, device }

@@ -12,7 +12,6 @@ use crate::model::ToKernel;
 use crate::shell;
 use crate::versioned::{self, FORMAT};
 use crate::words::plain;
-use burn::tensor::Device;
 use flate2::Crc;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -62,11 +61,11 @@ impl SavedView {
     ///
     /// # Errors
     /// If it cannot be drawn.
-    pub fn picture(run: &OpenRun, mut view: View, file: &str, device: &Device) -> Result<Vec<u8>, RunError> {
+    pub fn picture(run: &OpenRun, mut view: View, file: &str) -> Result<Vec<u8>, RunError> {
         view.check().map_err(RunError::input)?;
         let mut look = view.look(run)?;
         let camera = view.camera(1.0);
-        let image = look.frame(&run.scene, (camera.to_kernel(), view.time as f32), device)?;
+        let image = look.frame(&run.scene, (camera.to_kernel(), view.time as f32))?;
         view.range = look.legend().and_then(|l| l.scene_range);
         let image = to_rgb8(&image, camera.width as usize, camera.height as usize);
         let text = serde_json::to_string(&Self::new(run, view, file)).map_err(RunError::failure)?;
@@ -204,6 +203,7 @@ fn text_of_png(mut file: impl Read) -> io::Result<Option<String>> {
 mod tests {
     use super::super::view::tests::view;
     use super::*;
+    use crate::user_error::UserError;
     use image::RgbImage;
 
     fn saved() -> SavedView {

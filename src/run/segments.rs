@@ -16,7 +16,6 @@ use crate::segment::coarse::{Coarse, coarse, other_times};
 use crate::segment::history::History;
 use crate::segment::pictures::draw_each;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
-use burn::tensor::Device;
 use image::RgbImage;
 use std::path::{Path, PathBuf};
 
@@ -332,19 +331,13 @@ pub(super) fn check_clusters(clusters: usize, points: usize, of: &str, dimension
 
 /// Draws the first [`SHOWN`] of the `segments`, each alone from three sides, one row per segment.
 #[must_use]
-pub fn sheet(
-    run: &OpenRun,
-    around: &Surroundings,
-    at: &HostGaussians,
-    segments: &[Segment],
-    device: &Device,
-) -> RgbImage {
+pub fn sheet(run: &OpenRun, around: &Surroundings, at: &HostGaussians, segments: &[Segment]) -> RgbImage {
     let (width, height) = (around.lens.width as usize, around.lens.height as usize);
     let rendering = run.scene.spec.rendering();
     let mut pictures = Vec::new();
     for segment in segments.iter().take(SHOWN) {
         let sides = around.orbit(4).into_iter().take(3).map(|camera| rendering.seen_by(camera.to_kernel()));
-        for image in draw_each(at.subset(&segment.members), sides, device) {
+        for image in draw_each(at.subset(&segment.members), sides, &run.device()) {
             pictures.push((segment.name.to_string(), to_rgb8(&image, width, height)));
         }
     }

@@ -14,7 +14,6 @@ use crate::segment::paint::flat;
 use crate::segment::pictures::draw_each;
 use crate::segment::pieces::without_strays;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
-use burn::tensor::Device;
 use image::RgbImage;
 
 /// Colour, in the picture, of Gaussians that are in no part.
@@ -55,7 +54,6 @@ pub fn split(
     segments: &mut RunSegments,
     name: &str,
     options: &SplitOptions,
-    device: &Device,
     goes_on: &dyn Fn() -> bool,
 ) -> Result<Option<Parts>, RunError> {
     let mut all = segments.now().clone();
@@ -64,7 +62,7 @@ pub fn split(
     if let Some(clusters) = options.clusters {
         check_clusters(clusters, whole.members.len(), &format!("{} has", whole.name), FEATURES)?;
     }
-    let (field, spec) = affinity::open(run, device)?;
+    let (field, spec) = affinity::open(run)?;
     let at = run.scene.host_at(spec.time as f32);
     let alone = at.subset(&whole.members);
     let clustering = options.clusters.map_or(Clustering::Density, Clustering::KMeans);
@@ -116,14 +114,14 @@ pub fn split(
 
 /// Draws the whole segment from four sides, as it is and coloured by part.
 #[must_use]
-pub fn sheet(run: &OpenRun, around: &Surroundings, parts: &Parts, device: &Device) -> RgbImage {
+pub fn sheet(run: &OpenRun, around: &Surroundings, parts: &Parts) -> RgbImage {
     let painted = flat(parts.alone.clone(), parts.shades.iter().map(|shade| shade.unwrap_or(NO_PART)));
     let (width, height) = (around.lens.width as usize, around.lens.height as usize);
-    let rendering = run.scene.spec.rendering().flat();
+    let (rendering, device) = (run.scene.spec.rendering().flat(), run.device());
     let cameras = &around.orbit(5)[..4];
     let each = |gaussians: HostGaussians, label: &'static str| {
         let seen = cameras.iter().map(|camera| rendering.seen_by(camera.to_kernel()));
-        draw_each(gaussians, seen, device).map(move |image| (label.to_owned(), to_rgb8(&image, width, height)))
+        draw_each(gaussians, seen, &device).map(move |image| (label.to_owned(), to_rgb8(&image, width, height)))
     };
     let pairs = each(parts.alone.clone(), "as it is").zip(each(painted, "parts"));
     let pictures: Vec<_> = pairs.flat_map(|(as_it_is, parts)| [as_it_is, parts]).collect();

@@ -2,12 +2,12 @@
 
 use super::SweepError;
 use super::file::{RandomSpec, RangeSpec, SampleMethod, SweepFile};
+pub(super) use crate::config::flatten;
 use crate::config::short_key;
 use crate::memory::{Budget, product};
 use crate::rng::{Purpose, Rng};
 use std::collections::{BTreeMap, HashSet};
-use std::path::Path;
-use toml::{Table, Value};
+use toml::Value;
 
 /// Keys set by a variant, by dotted name.
 pub type Settings = BTreeMap<String, Value>;
@@ -25,42 +25,23 @@ pub struct Variant {
     pub seeds: Option<Vec<u64>>,
 }
 
-/// Flattens sections into dotted keys: `loss = { kind = "l1" }` and `"loss.kind" = "l1"` are equivalent.
-#[must_use]
-pub fn flatten(table: &Table) -> Settings {
-    fn walk(prefix: &str, table: &Table, out: &mut Settings) {
-        for (key, value) in table {
-            let name = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
-            match value {
-                Value::Table(inner) => walk(&name, inner, out),
-                value => {
-                    out.insert(name, value.clone());
-                }
-            }
-        }
-    }
-    let mut out = Settings::new();
-    walk("", table, &mut out);
-    out
-}
-
-/// Returns all variants of `file`, in order; the file's path is for messages.
+/// Returns all variants of `file`, in order.
 ///
 /// # Errors
 /// If an axis has no values, a range or the samples are invalid, a variant has no name or that of another, or there are
 /// more entries than a sweep may have.
-pub fn variants(file: &SweepFile, path: &Path) -> Result<Vec<Variant>, SweepError> {
-    let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
-    check_count(file, 1, 1, Budget::now()).map_err(|(key, problem)| bad(&key, problem))?;
+pub fn variants(file: &SweepFile) -> Result<Vec<Variant>, SweepError> {
+    check_count(file, 1, 1, Budget::now())?;
     let mut found = vec![Variant { name: String::new(), config: None, settings: Settings::new(), seeds: None }];
     if !file.variant.is_empty() {
         let mut named = Vec::new();
         for (i, spec) in file.variant.iter().enumerate() {
             if spec.name.trim().is_empty() {
-                return Err(bad(&format!("variant {}", i + 1), "the name is empty".into()));
+                return Err(file.wrong(format!("variant {}", i + 1), "the name is empty"));
             }
             if file.variant[..i].iter().any(|other| other.name == spec.name) {
-                return Err(bad(&format!("variant {}", i + 1), format!("two variants are named \"{}\"", spec.name)));
+                let problem = format!("two variants are named \"{}\"", spec.name);
+                return Err(file.wrong(format!("variant {}", i + 1), problem));
             }
             let (name, config, seeds) = (spec.name.clone(), spec.config.clone(), spec.seeds.clone());
             named.push(Variant { name, config, settings: flatten(&spec.set), seeds });
@@ -72,16 +53,16 @@ pub fn variants(file: &SweepFile, path: &Path) -> Result<Vec<Variant>, SweepErro
         grid.keys().cloned().chain(file.random.iter().flat_map(|r| r.keys.keys().cloned())).collect();
     for (key, value) in grid {
         let Value::Array(values) = value else {
-            return Err(bad(&format!("grid.{key}"), "not a list of values".into()));
+            return Err(file.wrong(format!("grid.{key}"), "not a list of values"));
         };
         if values.is_empty() {
-            return Err(bad(&format!("grid.{key}"), "an empty list gives no runs".into()));
+            return Err(file.wrong(format!("grid.{key}"), "an empty list gives no runs"));
         }
         let with = |variant: &Variant, value: &Value| variant.with(&[(key.clone(), value.clone())], &axes);
         found = found.iter().flat_map(|v| values.iter().map(|value| with(v, value)).collect::<Vec<_>>()).collect();
     }
     if let Some(random) = &file.random {
-        let points = samples(random).map_err(|(key, problem)| bad(&key, problem))?;
+        let points = samples(file, random)?;
         found = found.iter().flat_map(|v| points.iter().map(|p| v.with(p, &axes)).collect::<Vec<_>>()).collect();
     }
     for variant in &mut found {
@@ -109,13 +90,8 @@ const MAX_ENTRIES: u128 = 100_000;
 const ENTRY_BYTES: u128 = 16_384;
 
 /// Refuses a file with more entries than can be planned, before any is made. `places` is the number of datasets times
-/// that of devices. The error is the key that contributes most, and what is wrong.
-pub(super) fn check_count(
-    file: &SweepFile,
-    seeds: usize,
-    places: usize,
-    budget: Budget,
-) -> Result<(), (String, String)> {
+/// that of devices. The error names the key that contributes most.
+pub(super) fn check_count(file: &SweepFile, seeds: usize, places: usize, budget: Budget) -> Result<(), SweepError> {
     let mut factors = vec![
         ("variant".to_owned(), file.variant.len()),
         ("seeds".to_owned(), seeds),
@@ -128,10 +104,11 @@ pub(super) fn check_count(
     let entries = product(&sizes);
     let (key, n) = factors.into_iter().max_by_key(|(_, n)| *n).unwrap_or_default();
     if entries > MAX_ENTRIES {
-        return Err((key, format!("{n} values make {entries} runs in all; a sweep has at most {MAX_ENTRIES}")));
+        let problem = format!("{n} values make {entries} runs in all; a sweep has at most {MAX_ENTRIES}");
+        return Err(file.wrong(key, problem));
     }
     let fits = budget.check(format!("{n} values make {entries} runs in all"), entries.saturating_mul(ENTRY_BYTES));
-    fits.map_err(|e| (key, e.to_string()))
+    fits.map_err(|e| file.wrong(key, e))
 }
 
 impl Variant {
@@ -162,21 +139,19 @@ const MAX_INTEGER: f64 = 9_007_199_254_740_992.0;
 
 type Point = Vec<(String, Value)>;
 
-fn samples(spec: &RandomSpec) -> Result<Vec<Point>, (String, String)> {
+fn samples(file: &SweepFile, spec: &RandomSpec) -> Result<Vec<Point>, SweepError> {
     if spec.count == 0 || spec.keys.is_empty() {
-        return Err(("random".into(), "needs a count of at least 1 and at least one key".into()));
+        return Err(file.wrong("random", "needs a count of at least 1 and at least one key"));
     }
     if spec.method == SampleMethod::Sobol && spec.keys.len() > 256 {
-        return Err(("random.keys".into(), "Sobol sampling supports at most 256 keys; use latin-hypercube".into()));
+        return Err(file.wrong("random.keys", "Sobol sampling supports at most 256 keys; use latin-hypercube"));
     }
     if spec.method == SampleMethod::Sobol && spec.count > 1 << 16 {
-        return Err((
-            "random.count".into(),
-            format!("{}: Sobol sampling supports at most 65536 points; use latin-hypercube", spec.count),
-        ));
+        let problem = format!("{}: Sobol sampling supports at most 65536 points; use latin-hypercube", spec.count);
+        return Err(file.wrong("random.count", problem));
     }
     for (key, range) in &spec.keys {
-        range.check().map_err(|problem| (format!("random.keys.{key}"), problem))?;
+        range.check().map_err(|problem| file.wrong(format!("random.keys.{key}"), problem))?;
     }
     let units: Vec<Vec<f64>> = (0..spec.keys.len()).map(|axis| unit_numbers(spec, axis)).collect();
     let point =

@@ -8,25 +8,24 @@ fn file(text: &str) -> SweepFile {
 }
 
 fn names(text: &str) -> Vec<String> {
-    variants(&file(text), Path::new("s.toml")).unwrap().into_iter().map(|v| v.name).collect()
+    variants(&file(text)).unwrap().into_iter().map(|v| v.name).collect()
 }
 
 fn error(text: &str) -> String {
-    variants(&file(text), Path::new("s.toml")).unwrap_err().to_string()
+    variants(&file(text)).unwrap_err().to_string()
 }
 
 #[test]
 fn named_variants_and_grids_combine() {
     let text = "[[variant]]\nname = 'L1'\nset = { 'loss.kind' = 'l1' }\n[[variant]]\nname = 'L2'\n[grid]\n\
                 'loss.tv' = [0.0, 1e-4]\nmodel = { levels = [1, 2] }";
-    let found = variants(&file(text), Path::new("s.toml")).unwrap();
+    let found = variants(&file(text)).unwrap();
     assert_eq!(found.len(), 8);
     assert_eq!(found[1].name, "L1, tv=0.0, levels=2");
     assert_eq!(found[1].settings["loss.kind"], Value::String("l1".into()));
     assert_eq!(found[1].settings["model.levels"], Value::Integer(2));
     assert_eq!(names(""), ["base"]);
-    let alike =
-        variants(&file("[grid]\n'init.opacity' = [0.1]\n'optim.opacity' = [0.05]"), Path::new("s.toml")).unwrap();
+    let alike = variants(&file("[grid]\n'init.opacity' = [0.1]\n'optim.opacity' = [0.05]")).unwrap();
     assert_eq!(alike[0].name, "init.opacity=0.1, optim.opacity=0.05");
 }
 
@@ -61,7 +60,7 @@ proptest! {
              'a' = {{ low = 1e-4, high = 1e-1, log = true }}\n'b' = {{ low = 3, high = 5, integer = true }}\n\
              'c' = {{ choices = ['x', 'y'] }}"
         );
-        let found = variants(&file(&text), Path::new("s.toml")).unwrap();
+        let found = variants(&file(&text)).unwrap();
         // points that coincide after rounding are used once
         prop_assert!(!found.is_empty() && found.len() <= count);
         for v in &found {
@@ -69,7 +68,7 @@ proptest! {
             prop_assert!((1e-4 * 0.999..=1e-1).contains(&a), "{}", a);
             prop_assert!((3..=5).contains(&v.settings["b"].as_integer().unwrap()));
         }
-        prop_assert_eq!(variants(&file(&text), Path::new("s.toml")).unwrap(), found);
+        prop_assert_eq!(variants(&file(&text)).unwrap(), found);
     }
 }
 
@@ -77,7 +76,7 @@ proptest! {
 fn a_latin_hypercube_uses_each_part_once() {
     let text = "[random]\nmethod = 'latin-hypercube'\ncount = 16\n[random.keys]\n'a' = { low = 0, high = 16 }\n\
                 'b' = { low = 0, high = 16 }";
-    let found = variants(&file(text), Path::new("s.toml")).unwrap();
+    let found = variants(&file(text)).unwrap();
     for key in ["a", "b"] {
         let mut parts: Vec<usize> = found.iter().map(|v| v.settings[key].as_float().unwrap() as usize).collect();
         parts.sort_unstable();
@@ -87,7 +86,10 @@ fn a_latin_hypercube_uses_each_part_once() {
 
 #[test]
 fn too_many_runs_are_refused_before_any_is_made() {
-    let check = |text: &str, seeds, budget| check_count(&file(text), seeds, 2, Budget::of(budget));
+    let check = |text: &str, seeds, budget| match check_count(&file(text), seeds, 2, Budget::of(budget)) {
+        Err(SweepError::Key { key, problem, .. }) => Err((key, problem)),
+        other => other.map_err(|e| panic!("{e}")),
+    };
     let random = "[random]\ncount = 100000000000\n[random.keys]\n'a' = { low = 0, high = 1 }";
     let (key, problem) = check(random, 1, u64::MAX).unwrap_err();
     assert!(key == "random.count" && problem.contains("100000000000 values"), "{key}: {problem}");
@@ -100,6 +102,6 @@ fn too_many_runs_are_refused_before_any_is_made() {
     check("[grid]\n'a' = [1, 2]", 50, 8_000_000_000).unwrap();
     // also when only variants are requested, not a plan
     let many = "[grid]\n'a' = [1, 2]\n'b' = [1, 2]\n[random]\nmethod = 'sobol'\ncount = 65536\n[random.keys]\n'c' = { low = 0, high = 1 }";
-    let error = variants(&file(many), Path::new("s.toml")).unwrap_err().to_string();
+    let error = variants(&file(many)).unwrap_err().to_string();
     assert!(error.contains("262144 runs in all"), "{error}");
 }

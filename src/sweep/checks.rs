@@ -10,34 +10,32 @@ use crate::config::types::{Config, DataConfig};
 use crate::device::DeviceName;
 use crate::nesting::check_toml;
 use std::collections::{HashMap, HashSet};
-use std::path::Path;
 use toml::Table;
 
 /// Refuses lists that are empty or have duplicates, devices that are not available, missing files of weights, and an
 /// evaluation on no view.
-pub(super) fn check_lists(file: &SweepFile, seeds: &[u64], path: &Path, elsewhere: bool) -> Result<(), SweepError> {
-    let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
-    check_seeds(seeds).map_err(|problem| bad("seeds", problem))?;
+pub(super) fn check_lists(file: &SweepFile, seeds: &[u64], elsewhere: bool) -> Result<(), SweepError> {
+    check_seeds(seeds).map_err(|problem| file.wrong("seeds", problem))?;
     for variant in &file.variant {
         let seeds = variant.seeds.as_deref().map_or(Ok(()), check_seeds);
-        seeds.map_err(|problem| bad(&format!("variant \"{}\": seeds", variant.name), problem))?;
+        seeds.map_err(|problem| file.wrong(format!("variant \"{}\": seeds", variant.name), problem))?;
     }
     for (i, device) in file.devices.iter().enumerate() {
-        let name: DeviceName = device.parse().map_err(|e| bad("devices", format!("{e}")))?;
+        let name: DeviceName = device.parse().map_err(|e| file.wrong("devices", e))?;
         if !elsewhere {
-            name.open().map_err(|e| bad("devices", e.to_string()))?;
+            name.open().map_err(|e| file.wrong("devices", e))?;
         }
         if file.devices[..i].contains(device) {
-            return Err(bad("devices", format!("{device} is listed twice")));
+            return Err(file.wrong("devices", format!("{device} is listed twice")));
         }
     }
     for weights in &file.eval.lpips_weights {
         if !weights.is_file() {
-            return Err(bad("eval.lpips_weights", format!("{}: file not found", weights.display())));
+            return Err(file.wrong("eval.lpips_weights", format!("{}: file not found", weights.display())));
         }
     }
     if file.eval.views == Some(0) {
-        return Err(bad("eval.views", "must be at least 1; omit the key to use all views".into()));
+        return Err(file.wrong("eval.views", "must be at least 1; omit the key to use all views"));
     }
     Ok(())
 }
@@ -75,7 +73,7 @@ fn check_seeds(seeds: &[u64]) -> Result<(), String> {
 }
 
 /// Refuses `seed` among the keys that are set: seeds are an axis of their own, and would silently overwrite it.
-pub(super) fn check_seed_keys(file: &SweepFile, options: &PlanOptions) -> Result<(), (String, String)> {
+pub(super) fn check_seed_keys(file: &SweepFile, options: &PlanOptions) -> Result<(), SweepError> {
     let set_in = |table: &Table| flatten(table).get("seed").map(ToString::to_string);
     let mut found = vec![("set.seed".to_owned(), set_in(&file.set)), ("grid.seed".to_owned(), set_in(&file.grid))];
     found.extend(file.variant.iter().map(|v| (format!("variant \"{}\": set.seed", v.name), set_in(&v.set))));
@@ -91,30 +89,39 @@ pub(super) fn check_seed_keys(file: &SweepFile, options: &PlanOptions) -> Result
                 let is_seed = |v: &toml::Value| v.as_integer().is_some_and(|seed| seed >= 0);
                 table.get("seeds")?.as_array()?.iter().all(is_seed).then_some(list)
             });
-            Err((key, match usable {
-                Some(list) => format!("seeds are a separate axis; write seeds = {list} at the top of the file"),
-                None => "seeds are a separate axis, of whole numbers from 0; write, for example, seeds = [0, 1, 2] at the \
-                         top of the file".to_owned(),
-            }))
+            Err(match usable {
+                Some(list) => {
+                    file.wrong(key, format!("seeds are a separate axis; write seeds = {list} at the top of the file"))
+                }
+                None => file.wrong(
+                    key,
+                    "seeds are a separate axis, of whole numbers from 0; write, for example, seeds = [0, 1, 2] at the \
+                     top of the file",
+                ),
+            })
         }
     }
 }
 
 /// The variant that differences are relative to: the one that is named, or the first.
-pub(super) fn baseline(file: &SweepFile, variants: &[Variant]) -> Result<String, String> {
+pub(super) fn baseline(file: &SweepFile, variants: &[Variant]) -> Result<String, SweepError> {
     let first = variants.first().map(|v| v.name.clone()).unwrap_or_default();
     match &file.baseline {
         None => Ok(first),
         Some(name) if variants.iter().any(|v| v.name == *name) => Ok(name.clone()),
         Some(name) => {
-            let names: Vec<&str> = variants.iter().map(|v| v.name.as_str()).collect();
-            Err(format!("no variant is named \"{name}\"; available: {}", names.join(", ")))
+            let problem = format!("no variant is named \"{name}\"; available: {}", names(variants));
+            Err(file.wrong("baseline", problem))
         }
     }
 }
 
+fn names(variants: &[Variant]) -> String {
+    variants.iter().map(|v| v.name.as_str()).collect::<Vec<_>>().join(", ")
+}
+
 /// Refuses rows of the paper's table that match no variant: the order would be judged without them.
-pub(super) fn check_paper(file: &SweepFile, variants: &[Variant]) -> Result<(), (String, String)> {
+pub(super) fn check_paper(file: &SweepFile, variants: &[Variant]) -> Result<(), SweepError> {
     // `VARIANT` or `VARIANT/SEGMENT`
     let is_of = |row: &str, variant: &Variant| {
         row.strip_prefix(variant.name.as_str()).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
@@ -123,8 +130,8 @@ pub(super) fn check_paper(file: &SweepFile, variants: &[Variant]) -> Result<(), 
     match rows.find(|row| !variants.iter().any(|variant| is_of(row, variant))) {
         None => Ok(()),
         Some(row) => {
-            let names: Vec<&str> = variants.iter().map(|v| v.name.as_str()).collect();
-            Err((format!("paper.rows.\"{row}\""), format!("no variant has this name; available: {}", names.join(", "))))
+            let problem = format!("no variant has this name; available: {}", names(variants));
+            Err(file.wrong(format!("paper.rows.\"{row}\""), problem))
         }
     }
 }

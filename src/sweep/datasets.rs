@@ -4,7 +4,6 @@ use super::SweepError;
 use super::file::{DataSource, SweepFile, SyntheticSpec};
 use super::key::short_hash;
 use crate::data::dataset::measured_fingerprint;
-use crate::data::paths::FOV_X;
 use crate::data::{Dataset, OpenOptions, SplitName, Truth};
 use crate::log::progress;
 use crate::prepare::views::{Times, ViewOptions};
@@ -12,11 +11,10 @@ use crate::prepare::{
     self, EVEN_STEPS, IMAGES, PrepareError, PrepareOptions, SegmentOptions, SegmentSteps, Source, TRUTH, image_count,
     prepare,
 };
-use crate::volume::placement::published_side;
-use crate::volume::raycast::DEFAULT_STEP;
 use crate::volume::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -51,31 +49,26 @@ fn folder_name(folder: &Path) -> String {
 /// The datasets of `file`, or those `given` instead; synthetic ones will be below `out`.
 pub(super) fn datasets(
     file: &SweepFile,
-    path: &Path,
     given: &[PathBuf],
     out: &Path,
 ) -> Result<BTreeMap<String, DataPlan>, SweepError> {
     let sources = if given.is_empty() {
-        file.datasets(path)?
+        file.datasets()?
     } else {
         given.iter().map(|d| (folder_name(d), DataSource::Folder(d.clone()))).collect()
     };
     for (i, (name, _)) in sources.iter().enumerate() {
         if sources[..i].iter().any(|(other, _)| other == name) {
             let problem = format!("two datasets are called \"{name}\"; name them in the file: [data] one = \"...\"");
-            return Err(SweepError::Key { path: path.to_owned(), key: "--data".into(), problem });
+            return Err(file.wrong("--data", problem));
         }
     }
     if sources.is_empty() {
-        let problem = "no dataset is given; add [data] with NAME = \"FOLDER\", or pass --data FOLDER".to_owned();
-        return Err(SweepError::Key { path: path.to_owned(), key: "data".into(), problem });
+        let problem = "no dataset is given; add [data] with NAME = \"FOLDER\", or pass --data FOLDER";
+        return Err(file.wrong("data", problem));
     }
     let plan = |(name, source): (String, DataSource)| {
-        let bad = |e: &dyn std::fmt::Display| SweepError::Key {
-            path: path.to_owned(),
-            key: format!("data.{name}"),
-            problem: e.to_string(),
-        };
+        let bad = |e: &dyn Display| file.wrong(format!("data.{name}"), e);
         let planned = match &source {
             DataSource::Folder(folder) => {
                 let open = OpenOptions { downscale: 1, splits: &[], max_views: None };
@@ -118,31 +111,26 @@ pub(super) fn datasets(
 }
 
 /// Refuses datasets whose segments are not known, for sweeps that measure segments.
-pub(super) fn check_truth(data: &BTreeMap<String, DataPlan>, path: &Path) -> Result<(), SweepError> {
+pub(super) fn check_truth(data: &BTreeMap<String, DataPlan>, file: &SweepFile) -> Result<(), SweepError> {
     for (name, data) in data {
-        let bad = |problem: String| SweepError::Key { path: path.to_owned(), key: format!("data.{name}"), problem };
-        match &data.source {
-            DataSource::Folder(folder) => {
-                Truth::read(folder).map_err(|e| {
-                    bad(format!("segments are to be measured, but their ground truth cannot be read: {e}"))
-                })?;
+        let problem = match &data.source {
+            DataSource::Folder(folder) => Truth::read(folder)
+                .err()
+                .map(|e| format!("segments are to be measured, but their ground truth cannot be read: {e}")),
+            DataSource::Synthetic(spec) => {
+                (!spec.segments).then(|| "segments are to be measured; add segments = true".to_owned())
             }
-            DataSource::Synthetic(spec) if !spec.segments => {
-                return Err(bad("segments are to be measured; add segments = true".into()));
-            }
-            DataSource::Synthetic(_) => {}
+        };
+        if let Some(problem) = problem {
+            return Err(file.wrong(format!("data.{name}"), problem));
         }
     }
     Ok(())
 }
 
 /// What distinguishes one dataset from another in a key.
-pub(super) fn fingerprint(data: &DataPlan, downscale: u32, path: &Path, name: &str) -> Result<String, SweepError> {
-    let bad = |e: &dyn std::fmt::Display| SweepError::Key {
-        path: path.to_owned(),
-        key: format!("data.{name}"),
-        problem: e.to_string(),
-    };
+pub(super) fn fingerprint(data: &DataPlan, downscale: u32, file: &SweepFile, name: &str) -> Result<String, SweepError> {
+    let bad = |e: &dyn Display| file.wrong(format!("data.{name}"), e);
     match &data.source {
         DataSource::Folder(folder) => {
             let open = OpenOptions { downscale, splits: &[], max_views: None };
@@ -214,14 +202,12 @@ impl Rendering {
         };
         let views = ViewOptions {
             size: [spec.size; 2],
-            fov_x: FOV_X,
             times: Times::Count(spec.times),
             views_per_time: spec.views,
             test_views: spec.test_views,
             ..ViewOptions::default()
         };
-        let (side, step) = (published_side(), DEFAULT_STEP);
-        let options = PrepareOptions { views, side, step, segments, replace: false, needed: Vec::new() };
+        let options = PrepareOptions { views, segments, ..PrepareOptions::default() };
         Ok(Self { source: Source::Synthetic { scene, dims: [spec.voxels(); 3], steps: STEPS }, transfer, options })
     }
 

@@ -1,5 +1,6 @@
 //! Errors of a sweep before and outside its runs. A run that fails is not an error: it is recorded.
 
+use crate::user_error::UserError;
 use std::path::{Path, PathBuf};
 
 /// Why a sweep cannot be planned, run or read.
@@ -37,6 +38,12 @@ pub enum SweepError {
     /// An input that cannot be used, such as a dataset that does not fit into memory.
     #[error("{0}")]
     Choice(String),
+}
+
+impl UserError for SweepError {
+    fn is_input(&self) -> bool {
+        !matches!(self, Self::Io { .. } | Self::Interrupted)
+    }
 }
 
 impl SweepError {

@@ -8,6 +8,7 @@ use crate::volume::transfer::Lighting;
 use crate::words::plain;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
@@ -16,6 +17,9 @@ use toml::{Table, Value};
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SweepFile {
+    /// Where it was read from, for messages.
+    #[serde(skip)]
+    pub path: PathBuf,
     /// Heading of the report; the file's name if empty.
     pub title: String,
     /// A sentence or two for the report.
@@ -216,6 +220,7 @@ impl SweepFile {
         })?;
         crate::nesting::check_toml(&text).map_err(bad)?;
         let mut file: Self = toml::from_str(&text).map_err(|e| bad(plain(&e.to_string())))?;
+        path.clone_into(&mut file.path);
         if file.title.is_empty() {
             file.title = name_of(path);
         }
@@ -229,6 +234,11 @@ impl SweepFile {
             *weights = std::path::absolute(dir.join(&*weights)).map_err(|e| bad(e.to_string()))?;
         }
         Ok(file)
+    }
+
+    /// Returns the error of one of its keys, or of an option that stands for one.
+    pub(super) fn wrong(&self, key: impl Into<String>, problem: impl Display) -> SweepError {
+        SweepError::Key { path: self.path.clone(), key: key.into(), problem: problem.to_string() }
     }
 
     /// Sets keys of every synthetic dataset, each `KEY=VALUE` with a value of TOML, such as `size=64`.
@@ -258,10 +268,10 @@ impl SweepFile {
     ///
     /// # Errors
     /// A dataset that is neither a folder nor a synthetic scene.
-    pub fn datasets(&self, path: &Path) -> Result<Vec<(String, DataSource)>, SweepError> {
-        let dir = path.parent().unwrap_or(Path::new(""));
+    pub fn datasets(&self) -> Result<Vec<(String, DataSource)>, SweepError> {
+        let dir = self.path.parent().unwrap_or(Path::new(""));
         let read = |(name, value): (&String, &Value)| {
-            let bad = |problem: String| SweepError::Key { path: path.to_owned(), key: format!("data.{name}"), problem };
+            let bad = |problem: String| self.wrong(format!("data.{name}"), problem);
             let source = match value {
                 Value::String(folder) => DataSource::Folder(dir.join(folder)),
                 Value::Table(table) => {

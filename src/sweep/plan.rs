@@ -20,28 +20,40 @@ use crate::memory::Budget;
 use crate::method;
 use crate::program;
 use crate::versioned;
+use clap::Args;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
+/// Default folder of sweeps.
+pub const FOLDER: &str = "checkpoints/sweeps";
+
 /// What is requested in addition to the file.
-#[derive(Clone, Debug, Default)]
+#[derive(Args, Clone, Debug, Default)]
 pub struct PlanOptions {
-    /// Folder that holds `runs/`, `datasets/` and a folder for each sweep.
+    /// Folder of sweeps: OUT/NAME for this one, OUT/runs for the runs of all.
+    #[arg(long, default_value = FOLDER, value_name = "OUT")]
     pub out: PathBuf,
-    /// Datasets instead of the file's.
+    /// Datasets to use instead of the file's; may be repeated.
+    #[arg(long, value_name = "DATASET")]
     pub data: Vec<PathBuf>,
-    /// Keys set in every run, after the file's `set`, before its variants.
+    /// Set a key in every run, unless a variant sets it; may be repeated.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
     pub set: Vec<String>,
-    /// Keys set in every synthetic dataset of the file, each `KEY=VALUE`.
+    /// Set a key of every synthetic dataset of the file, such as size=64 for a trial; may be repeated.
+    #[arg(long, value_name = "KEY=VALUE", conflicts_with = "data")]
     pub synthetic: Vec<String>,
-    /// Seeds instead of the file's.
+    /// Seeds to use instead of the file's.
+    #[arg(long, value_name = "N,...", value_delimiter = ',', allow_hyphen_values = true)]
     pub seeds: Vec<u64>,
-    /// Devices instead of the file's.
+    /// Devices to use instead of the file's.
+    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     pub devices: Vec<String>,
-    /// LPIPS weights in addition to the file's.
+    /// LPIPS weights (safetensors); may be given twice.
+    #[arg(long, value_name = "FILE")]
     pub lpips_weights: Vec<PathBuf>,
     /// Whether the runs are for other machines, whose devices this one need not have.
+    #[arg(skip)]
     pub elsewhere: bool,
 }
 
@@ -126,7 +138,6 @@ impl Plan {
     pub fn new(path: &Path, options: &PlanOptions) -> Result<Self, SweepError> {
         let mut file = SweepFile::read(path)?;
         let build = program::build().map_err(|e| SweepError::io(&e.file, &e.reason))?;
-        let bad = |key: &str, problem: String| SweepError::Key { path: path.to_owned(), key: key.to_owned(), problem };
         let seeds = match &file.seeds {
             _ if !options.seeds.is_empty() => {
                 // seeds of the command line apply to all variants
@@ -143,18 +154,19 @@ impl Plan {
             file.devices = vec!["flex".to_owned()];
         }
         file.eval.lpips_weights.extend(options.lpips_weights.iter().cloned());
-        file.set_synthetic(&options.synthetic).map_err(|problem| bad("--synthetic", problem))?;
-        check_lists(&file, &seeds, path, options.elsewhere)?;
-        check_seed_keys(&file, options).map_err(|(key, problem)| bad(&key, problem))?;
+        file.set_synthetic(&options.synthetic).map_err(|problem| file.wrong("--synthetic", problem))?;
+        check_lists(&file, &seeds, options.elsewhere)?;
+        check_seed_keys(&file, options)?;
         let places = options.data.len().max(file.data.len()).saturating_mul(file.devices.len());
-        check_count(&file, seeds.len(), places, Budget::now()).map_err(|(key, problem)| bad(&key, problem))?;
-        let variants = variants(&file, path)?;
-        let baseline = baseline(&file, &variants).map_err(|e| bad("baseline", e))?;
-        check_paper(&file, &variants).map_err(|(key, problem)| bad(&key, problem))?;
-        let datasets = datasets(&file, path, &options.data, &options.out)?;
+        check_count(&file, seeds.len(), places, Budget::now())?;
+        let variants = variants(&file)?;
+        let baseline = baseline(&file, &variants)?;
+        check_paper(&file, &variants)?;
+        let datasets = datasets(&file, &options.data, &options.out)?;
         let known = metric::known();
         if let Some(unknown) = file.metrics.iter().find(|m| !known.contains(m)) {
-            return Err(bad("metrics", format!("unknown metric \"{unknown}\"; available: {}", known.join(", "))));
+            let problem = format!("unknown metric \"{unknown}\"; available: {}", known.join(", "));
+            return Err(file.wrong("metrics", problem));
         }
         let mut plan = Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -187,23 +199,21 @@ impl Plan {
                         let print = match fingerprints.entry((dataset.clone(), downscale)) {
                             std::collections::hash_map::Entry::Occupied(known) => known.into_mut(),
                             std::collections::hash_map::Entry::Vacant(new) => {
-                                new.insert(fingerprint(&data, downscale, path, &dataset)?)
+                                new.insert(fingerprint(&data, downscale, &file, &dataset)?)
                             }
                         };
                         let key = key(&recipe(&one.toml, print, device, &file.tag), &build.digest);
-                        plan.place(variant, seed, (&dataset, device), one, key, &mut placed).map_err(|e| {
-                            let key = format!("variant \"{}\"", variant.name);
-                            SweepError::Key { path: path.to_owned(), key, problem: e }
-                        })?;
+                        plan.place(variant, seed, (&dataset, device), one, key, &mut placed)
+                            .map_err(|e| file.wrong(format!("variant \"{}\"", variant.name), e))?;
                     }
                 }
             }
         }
         let has_segments = plan.entries.iter().any(|e| e.segments.is_some());
-        check_metrics(&plan).map_err(|e| bad("metrics", e))?;
-        check_views(&plan).map_err(|e| bad("data", e))?;
+        check_metrics(&plan).map_err(|e| file.wrong("metrics", e))?;
+        check_views(&plan).map_err(|e| file.wrong("data", e))?;
         if has_segments {
-            check_truth(&plan.datasets, path)?;
+            check_truth(&plan.datasets, &file)?;
         }
         if plan.metrics.is_empty() {
             plan.metrics = match has_segments {
@@ -212,11 +222,11 @@ impl Plan {
             };
         }
         if let Some(halving) = &plan.halving {
-            check_halving(halving, &plan).map_err(|e| bad("halving", e))?;
+            check_halving(halving, &plan).map_err(|e| file.wrong("halving", e))?;
         }
         let specs = plan.runs.iter().flat_map(|run| &run.segments);
         let contents = Contents::read(&plan.eval.lpips_weights, specs);
-        plan.contents = contents.map_err(|(key, problem)| bad(&key, problem))?;
+        plan.contents = contents.map_err(|(key, problem)| file.wrong(key, problem))?;
         Ok(plan)
     }
 

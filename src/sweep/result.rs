@@ -3,7 +3,8 @@
 use super::key::short_hash;
 use super::plan::Plan;
 use super::spec::SegmentSpec;
-use crate::files::{RunPaths, read_text, write_atomic};
+use crate::compare::curves;
+use crate::files::{read_text, write_atomic};
 use crate::metrics::METRICS;
 use crate::program;
 use crate::versioned::{self, VersionedError};
@@ -168,10 +169,8 @@ pub fn progress_in(plan: &Plan, index: usize, folder: &Path) -> Progress {
 /// Returns the last test PSNR in a run's log up to `step`, after the step that it is of.
 #[must_use]
 pub fn live_psnr(folder: &Path, step: usize) -> Option<(usize, f64)> {
-    let text = read_text(&RunPaths(folder).metrics()).ok()?;
-    let lines = text.lines().filter_map(|l| serde_json::from_str::<serde_json::Value>(l).ok());
-    let scored = lines.filter_map(|l| Some((l["step"].as_u64()? as usize, l["test_psnr"].as_f64()?)));
-    scored.take_while(|(s, _)| *s <= step).last()
+    let test = curves::read(folder).test.into_iter().map(|(at, psnr)| (at as usize, psnr));
+    test.take_while(|(at, _)| *at <= step).last()
 }
 
 #[cfg(test)]

@@ -58,8 +58,7 @@ impl BackgroundChanges {
         }
         let (hub, (out, found)) = (self.hub.clone(), channel());
         let work = move || {
-            let done = catch_unwind(AssertUnwindSafe(|| change(&run, &mut segments)));
-            let done = done.unwrap_or_else(|_| Err(failed())).map(|()| segments);
+            let done = guarded(|| change(&run, &mut segments)).map(|()| segments);
             // nobody waits any more if the viewer has ended
             let _ = out.send(done);
             hub.wake();
@@ -93,6 +92,14 @@ impl BackgroundChanges {
     }
 }
 
+/// Message about a panic.
+pub(super) const INTERNAL_ERROR: &str = "an internal error stopped this; the viewer continues";
+
 fn failed() -> RunError {
-    RunError::failure("an internal error stopped this; the viewer continues")
+    RunError::failure(INTERNAL_ERROR)
+}
+
+/// Does work of one client: the viewer goes on, whatever goes wrong in it.
+pub(super) fn guarded<T>(work: impl FnOnce() -> Result<T, RunError>) -> Result<T, RunError> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|_| Err(failed()))
 }

@@ -12,17 +12,6 @@ use burn::tensor::Device;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// How the viewer is served.
-#[derive(Clone, Debug)]
-pub struct BesideOptions {
-    /// Device to draw on: one that the training does not use, if there is such a device.
-    pub device: Device,
-    /// Whether windows cannot pause the training.
-    pub read_only: bool,
-    /// Maximum size of the cache of deformed Gaussians, in bytes.
-    pub cache: usize,
-}
-
 /// Ends the viewer when the training ends, even by a panic.
 struct End<'a> {
     live: &'a Live,
@@ -37,11 +26,12 @@ impl Drop for End<'_> {
 }
 
 /// Serves the viewer while `train` trains on this thread, with an observer that it passes to
-/// [`crate::train::run::run`]. `ready` is called when the first scene is available. The viewer ends with the training.
+/// [`crate::train::run::run`]. Pictures are drawn on `device`: one that the training does not use, if there is such a
+/// device. `ready` is called when the first scene is available. The viewer ends with the training.
 /// Returns how the training ended, which does not depend on the viewer, and whether the viewer failed.
 pub fn beside(
     listening: Listening,
-    options: &BesideOptions,
+    device: &Device,
     ready: impl FnOnce(),
     train: impl FnOnce(&mut dyn Observer) -> Result<RunOutcome, TrainError>,
 ) -> (Result<RunOutcome, TrainError>, Result<(), ViewError>) {
@@ -51,9 +41,9 @@ pub fn beside(
     std::thread::scope(|scope| {
         let serve = || {
             let Some(begun) = live.begun() else { return Ok(()) };
-            let run = begun.open(&options.device).map_err(RunError::failure)?;
-            let space = Workspace::in_training(run, live.clone(), &options.device, options.read_only)?;
-            listening.serve(space, Vec::new(), options.cache, hub, &stop, || ())
+            let run = begun.open(device).map_err(RunError::failure)?;
+            let space = Workspace::in_training(run, live.clone(), listening.options().read_only);
+            listening.serve(space, Vec::new(), hub, &stop, || ())
         };
         let server = std::thread::Builder::new().name("viewer".into()).spawn_scoped(scope, serve);
         let outcome = {

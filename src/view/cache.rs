@@ -59,7 +59,7 @@ impl Cache {
 mod tests {
     use super::*;
     use crate::device::DeviceName;
-    use crate::segment::balls::APART;
+    use crate::segment::test_support::APART;
 
     #[test]
     fn the_least_recently_used_entry_is_evicted_and_the_limit_is_kept() {

@@ -1,6 +1,7 @@
 //! The scene that a client clicks on, prepared beside the drawing thread while nobody clicks, so that a click is
 //! answered at once.
 
+use super::reading::Read;
 use super::workspace::Workspace;
 use crate::run::RunError;
 use crate::run::pick::Clicking;
@@ -36,21 +37,21 @@ impl Clicks {
     }
 
     fn begin(space: &Workspace, time: f64) -> Clicking {
-        Clicking::new(&space.run, space.segments().now(), space.field(), time, &space.device)
+        Clicking::new(&space.shown.run, space.shown.segments.now(), space.shown.field.as_ref(), time)
     }
 
     /// Begins to prepare the scene at `time`, unless that was done, or an earlier one is still being prepared.
     pub fn prepare(now: &mut Option<Self>, space: &Workspace, time: f64) {
         let busy = |c: &Self| matches!(&c.state, State::Soon(thread) if !thread.is_finished());
-        if space.field().is_none() || now.as_ref().is_some_and(|c| c.fits(space, time) || busy(c)) {
+        if space.shown.field.is_none() || now.as_ref().is_some_and(|c| c.fits(space, time) || busy(c)) {
             return;
         }
-        let (run, segments, field) = (space.run.share(), space.segments().now().clone(), space.field().cloned());
-        let device = space.device.clone();
+        let Read { run, segments, field, .. } = &space.shown;
+        let (run, segments, field) = (run.share(), segments.now().clone(), field.clone());
         // what the field says about the Gaussians is the same at all times
         let before = now.take().filter(|c| c.revision == space.revision()).and_then(Self::into_ready);
         let thread = std::thread::Builder::new().name("clicks".into()).spawn(move || {
-            let clicking = Clicking::new(&run, &segments, field.as_ref(), time, &device);
+            let clicking = Clicking::new(&run, &segments, field.as_ref(), time);
             let clicking = match before {
                 Some(before) => clicking.recalling(before),
                 None => clicking,

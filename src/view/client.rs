@@ -12,7 +12,6 @@ use crate::run::RunError;
 use crate::run::look::{Legend, Look, Prepared};
 use crate::run::pick::{ClickError, Hit, place};
 use crate::segment::pick::{Meaning, PickOptions, Picked};
-use burn::tensor::Device;
 use std::time::Instant;
 use tokio::sync::mpsc::Sender;
 
@@ -154,7 +153,7 @@ impl Client {
         let found = &mut self.looks[side.index()];
         if found.as_ref().is_none_or(|(k, _)| *k != key) {
             let view = usable(space, view);
-            let look = if run.is_some() { view.look_of_another(&space.run) } else { view.look(&space.run) };
+            let look = if run.is_some() { view.look_of_another(&space.shown.run) } else { view.look(&space.shown.run) };
             *found = Some((key.clone(), look?));
         }
         match found {
@@ -163,7 +162,7 @@ impl Client {
                 let preview = self.preview.as_ref().filter(|_| side == Side::Picture);
                 let preview = Preview::edits_on(preview, space.revision());
                 let key = if preview.is_empty() { key } else { format!("{key} {preview:?}") };
-                look.preview(&space.run, preview)?;
+                look.preview(&space.shown.run, preview)?;
                 Ok((look, key))
             }
             None => Err(RunError::failure("there is no look to draw")),
@@ -171,14 +170,14 @@ impl Client {
     }
 
     /// Returns `prepared`, made for the look under `key`, with the selection highlighted; another run has none.
-    pub fn highlighted(&mut self, key: &str, prepared: Prepared, side: Side, device: &Device) -> Prepared {
+    pub fn highlighted(&mut self, key: &str, prepared: Prepared, side: Side) -> Prepared {
         let which = side.index();
         let clicked = self.clicked.as_ref().filter(|_| side.run().is_none());
         let Some(members) = clicked.map(|(_, c)| &c.picked.members) else { return prepared };
         let Some((_, look)) = self.looks[which].as_ref().filter(|_| !members.is_empty()) else { return prepared };
         let known = &mut self.highlighted[which];
         if known.as_ref().is_none_or(|(k, s, _)| (k.as_str(), *s) != (key, self.selections)) {
-            *known = Some((key.to_owned(), self.selections, look.highlight(&prepared, members, device)));
+            *known = Some((key.to_owned(), self.selections, look.highlight(&prepared, members)));
         }
         known.as_ref().map_or(prepared, |(_, _, known)| known.clone())
     }
@@ -251,10 +250,10 @@ impl Client {
     /// If nothing is there.
     pub fn point(&self, space: &Workspace, pixel: [u32; 2]) -> Result<[f64; 3], ClickError> {
         let view = self.view.as_ref().ok_or_else(|| RunError::input("nothing is shown yet"))?;
-        let look = usable(space, view).look(&space.run)?;
-        let at = look.selection().at(&space.run.scene, view.time as f32)?;
-        let click = &space.run.config.segment.click;
-        place((&at, space.run.scene.spec.rendering()), &view.camera(1.0), pixel, click, view.time, &space.device)
+        let run = &space.shown.run;
+        let at = usable(space, view).look(run)?.selection().at(&run.scene, view.time as f32)?;
+        let click = &run.config.segment.click;
+        place((&at, run.scene.spec.rendering()), &view.camera(1.0), pixel, click, view.time, &run.device())
     }
 
     /// Repeats the last click, with another meaning.

@@ -8,7 +8,10 @@ use super::others::Other;
 use super::render::Renderer;
 use super::server::{Shared, router};
 use super::workspace::Workspace;
+use crate::memory::Bytes;
+use crate::user_error::UserError;
 use axum::Router;
+use clap::Args;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
@@ -30,17 +33,30 @@ const HEADERS: Duration = Duration::from_secs(10);
 /// Maximum number of connections at once: a browser opens up to six for a page, and there are up to eight windows.
 const MAX_CONNECTIONS: usize = 64;
 
-/// Where a viewer should be reachable.
-#[derive(Clone, Debug)]
-pub struct Reach {
-    /// Address to listen on.
-    pub bind: IpAddr,
-    /// Port; any free one if 0.
+/// How the viewer is served.
+#[derive(Clone, Debug, Args)]
+#[group(id = "serving")]
+pub struct ServingOptions {
+    /// Port to listen on; any free one if not given.
+    #[arg(long, value_name = "PORT", default_value_t = 0)]
     pub port: u16,
-    /// Socket file instead of address and port, on Unix.
+    /// Address to listen on. Any other than the default makes the viewer reachable from other machines, without
+    /// encryption.
+    #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
+    pub bind: IpAddr,
+    /// Listen on this socket file, accessible only to you, instead of a port; for `ssh -L 8137:FILE`. --port is then
+    /// the port on your own machine. Unix only.
+    #[arg(long, value_name = "FILE", conflicts_with = "bind")]
     pub socket: Option<PathBuf>,
-    /// Names under which it may be reached, in addition to those of the machine itself.
+    /// A name under which browsers reach the viewer, besides localhost; may be repeated.
+    #[arg(long = "allow-host", value_name = "NAME")]
     pub hosts: Vec<String>,
+    /// Allow no changes: no segments or edits, and no pausing of a training.
+    #[arg(long)]
+    pub read_only: bool,
+    /// Memory for cached times, over all runs: 100 times of 150,000 Gaussians without edits take 660M.
+    #[arg(long, value_name = "SIZE", default_value = "1G", allow_hyphen_values = true)]
+    pub cache: Bytes,
 }
 
 /// Where a viewer can be reached.
@@ -79,6 +95,16 @@ pub enum ViewError {
     /// The system failed, such as to give random numbers or threads.
     #[error("the viewer cannot start: {0}")]
     System(std::io::Error),
+}
+
+impl UserError for ViewError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Run(error) => error.is_input(),
+            Self::Address { .. } | Self::Socket { .. } => true,
+            Self::System(_) => false,
+        }
+    }
 }
 
 /// Port of the user's own machine that is forwarded to a socket file, if no other is requested.
@@ -148,6 +174,7 @@ pub struct Listening {
     listener: Listener,
     guard: Guard,
     serving: Serving,
+    options: ServingOptions,
 }
 
 impl Listening {
@@ -155,15 +182,15 @@ impl Listening {
     ///
     /// # Errors
     /// If the address or the socket file cannot be used.
-    pub fn open(reach: &Reach) -> Result<Self, ViewError> {
+    pub fn open(options: &ServingOptions) -> Result<Self, ViewError> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build();
         let runtime = runtime.map_err(ViewError::System)?;
-        let wanted = SocketAddr::new(reach.bind, reach.port);
+        let wanted = SocketAddr::new(options.bind, options.port);
         let failed = |source| ViewError::Address { address: wanted, source };
-        let (listener, address) = match &reach.socket {
+        let (listener, address) = match &options.socket {
             Some(path) => {
                 let wrong = |source| ViewError::Socket { path: path.clone(), source };
-                let port = if reach.port == 0 { FORWARDED_PORT } else { reach.port };
+                let port = if options.port == 0 { FORWARDED_PORT } else { options.port };
                 let listener = runtime.block_on(async { Listener::file(path) }).map_err(wrong)?;
                 (listener, SocketAddr::from((Ipv4Addr::LOCALHOST, port)))
             }
@@ -180,12 +207,13 @@ impl Listening {
             IpAddr::V4(ip) => ip.to_string(),
         };
         let url = format!("http://{host}:{}/?token={}", address.port(), token.text());
-        let mut hosts = reach.hosts.clone();
+        let mut hosts = options.hosts.clone();
         if !address.ip().is_unspecified() {
             hosts.push(address.ip().to_string());
         }
         let guard = Guard::new(token, hosts);
-        Ok(Self { runtime, listener, guard, serving: Serving { address, socket: reach.socket.clone(), url } })
+        let serving = Serving { address, socket: options.socket.clone(), url };
+        Ok(Self { runtime, listener, guard, serving, options: options.clone() })
     }
 
     /// Returns where it can be reached.
@@ -194,8 +222,13 @@ impl Listening {
         &self.serving
     }
 
-    /// Serves `space`, and the `others` that it can be compared with, until `stop` is raised. Deformed Gaussians are
-    /// cached, up to `cache` bytes for all together. `ready` is called first.
+    /// Returns how the viewer is served.
+    #[must_use]
+    pub fn options(&self) -> &ServingOptions {
+        &self.options
+    }
+
+    /// Serves `space`, and the `others` that it can be compared with, until `stop` is raised. `ready` is called first.
     ///
     /// # Errors
     /// If the system gives no thread.
@@ -203,12 +236,12 @@ impl Listening {
         self,
         space: Workspace,
         others: Vec<Other>,
-        cache: usize,
         hub: Arc<Hub>,
         stop: &AtomicBool,
         ready: impl FnOnce(),
     ) -> Result<(), ViewError> {
-        let Self { runtime, listener, guard, .. } = self;
+        let Self { runtime, listener, guard, options, .. } = self;
+        let cache = usize::try_from(options.cache.0).unwrap_or(usize::MAX);
         let shared = Shared::new(guard, hub.clone());
         let router = router(shared.clone());
         std::thread::scope(|scope| {

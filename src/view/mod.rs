@@ -9,6 +9,32 @@
 //!
 //! [`serve`] shows a run folder. [`beside`] shows a run while this process trains it: the trainer leaves copies of the
 //! scene with [`live`], and [`share`] limits drawing to a small part of the machine.
+//!
+//! ```text
+//! browser:  view (camera, time, look), acks, clicks, changes          JSON over one websocket
+//! server:   token -> cookie, Host, Origin                             tokio, one thread
+//! hub:      client messages, in order                                 the newest view of each wins
+//! renderer: owns the run; answers; draws for the next client          one thread; splatting takes all cores
+//!           cache (time, look) -> inputs of splatting                 at most --cache bytes
+//!           moving: JPEG, scaled down to fit 33 ms of work and 100 ms of the connection;
+//!           at rest: full, then PNG, the bytes of `render`
+//! workspace: a change takes the run's lock, reads what others wrote, and is refused if the client had not seen that;
+//!           a newer checkpoint, read on a thread of its own, replaces the scene
+//!           order: whether segments or edits changed last, for one undo
+//!           preview (a handle is dragged): edits in the view, of one revision, applied after those of the run, never saved
+//! others:   runs for comparison, each a read-only workspace; drawn from the same view, kept in the same cache
+//! jobs:     one at a time on a thread of its own, with the run's lock   the scene is shared; progress wakes the renderer
+//! tracks:   measured for charts on another thread, without the lock
+//! live:     train --view: between two steps the trainer checks (train::observer), leaves a copy of its parameters on the
+//!           host when a window wants one, and pauses on request
+//! share:    meanwhile drawing takes one thread, for a small part of the time
+//! page:     ES modules without a build step. `state.js` alone changes what they share; `tsc` checks their JSDoc types
+//!           against declarations of the messages that a test generates from `protocol`; what needs no browser
+//!           (camera, projection, plot-scale, playback, view-text, units, state, ...) is tested by `node --test`
+//! ```
+//!
+//! Training knows an `Observer` that may pause it, and nothing of the viewer; [`beside`] runs both, `cli::watch`
+//! connects them. At most two frames are on their way to a client, so a slow client never falls further behind.
 
 pub mod auth;
 pub mod background;
@@ -39,42 +65,26 @@ pub mod tracks;
 pub mod training;
 pub mod workspace;
 
-use burn::tensor::Device;
 use hub::Hub;
-use listen::{Listening, Reach, Serving, ViewError};
+use listen::{Listening, Serving, ServingOptions, ViewError};
 use others::Other;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use workspace::Workspace;
 
-/// How a run folder is served.
-#[derive(Clone, Debug)]
-pub struct ViewOptions {
-    /// Folder of the run.
-    pub run: PathBuf,
-    /// Its dataset, if that was moved.
-    pub data: Option<PathBuf>,
-    /// Runs, or checkpoints of runs, that it can be compared with.
-    pub with: Vec<PathBuf>,
-    /// Device on which all of them are drawn.
-    pub device: Device,
-    /// Where it can be reached.
-    pub reach: Reach,
-    /// Whether nothing may be changed.
-    pub read_only: bool,
-    /// Maximum size of the cache of deformed Gaussians, for all runs together, in bytes.
-    pub cache: usize,
-}
-
-/// Serves the viewer until `stop` is raised; `ready` receives where it can be reached.
+/// Serves a run, and the `others` that it can be compared with, until `stop` is raised; `ready` receives where the
+/// viewer can be reached.
 ///
 /// # Errors
-/// If the run cannot be opened, or the address cannot be used.
-pub fn serve(options: &ViewOptions, stop: &AtomicBool, ready: impl FnOnce(&Serving)) -> Result<(), ViewError> {
-    let space = Workspace::open(&options.run, options.data.as_deref(), &options.device, options.read_only)?;
-    let others = Other::open(&options.with, &options.device)?;
-    let listening = Listening::open(&options.reach)?;
+/// If the address cannot be used, or the system gives no thread.
+pub fn serve(
+    space: Workspace,
+    others: Vec<Other>,
+    options: &ServingOptions,
+    stop: &AtomicBool,
+    ready: impl FnOnce(&Serving),
+) -> Result<(), ViewError> {
+    let listening = Listening::open(options)?;
     let serving = listening.serving().clone();
-    listening.serve(space, others, options.cache, Arc::new(Hub::default()), stop, || ready(&serving))
+    listening.serve(space, others, Arc::new(Hub::default()), stop, || ready(&serving))
 }

@@ -47,7 +47,7 @@ impl Other {
     /// Returns what clients of `run` are told about it.
     #[must_use]
     pub fn describe(&self, run: &OpenRun) -> OtherRun {
-        let other = &self.space.run;
+        let other = &self.space.shown.run;
         OtherRun {
             name: self.name.clone(),
             step: other.step(),

@@ -1,7 +1,6 @@
 //! Reads a run from its folder, and a newer checkpoint beside the drawing thread, so that frames go on meanwhile.
 
 use super::training::{Stamp, stamp};
-use crate::data::Surroundings;
 use crate::edit::EditStack;
 use crate::run::segments::RunSegments;
 use crate::run::{OpenRun, RunError, affinity};
@@ -23,8 +22,8 @@ pub fn stamps(run: &OpenRun) -> Stamps {
 
 /// Opens the affinity field of `run`. One that cannot be used counts as missing: the viewer then says how to make one.
 #[must_use]
-pub fn field(run: &OpenRun, device: &Device) -> Option<(AffinityField, AffinitySpec)> {
-    affinity::open(run, device).ok()
+pub fn field(run: &OpenRun) -> Option<(AffinityField, AffinitySpec)> {
+    affinity::open(run).ok()
 }
 
 /// A run with all that is shown of it.
@@ -32,13 +31,11 @@ pub fn field(run: &OpenRun, device: &Device) -> Option<(AffinityField, AffinityS
 pub struct Read {
     /// The run.
     pub run: OpenRun,
-    /// Where the cameras of its dataset are.
-    pub around: Surroundings,
     /// The stamps of its files before they were read.
     pub seen: Stamps,
     /// Its segments; none if those on disk belong to another state of its scene.
     pub segments: RunSegments,
-    /// Why those on disk cannot be used, if so.
+    /// Why those on disk cannot be used, if so; nothing can be changed then.
     pub fault: Option<String>,
     /// Its edits.
     pub edits: EditStack,
@@ -55,8 +52,15 @@ impl Read {
         let run = OpenRun::open(path, device)?.with_dataset(data)?;
         let seen = stamps(&run);
         let ((segments, fault), edits) = (RunSegments::replacing(&run), run.edits()?);
-        let (fault, field, around) = (fault.map(|e| e.to_string()), field(&run, device), run.record.surroundings);
-        Ok(Self { run, around, seen, segments, fault, edits, field })
+        let (fault, field) = (fault.map(|e| e.to_string()), field(&run));
+        Ok(Self { run, seen, segments, fault, edits, field })
+    }
+
+    /// Returns a run without anything that its files hold.
+    #[must_use]
+    pub fn scene_alone(run: OpenRun) -> Self {
+        let (seen, segments, edits) = (Stamps::default(), RunSegments::none(&run), EditStack::default());
+        Self { run, seen, segments, fault: None, edits, field: None }
     }
 }
 
@@ -69,8 +73,8 @@ impl Newer {
     ///
     /// # Errors
     /// If the system gives no thread.
-    pub fn begin(&mut self, run: &OpenRun, device: &Device) -> Result<(), RunError> {
-        let (path, data, device) = (run.path.clone(), run.given_dataset().map(Path::to_owned), device.clone());
+    pub fn begin(&mut self, run: &OpenRun) -> Result<(), RunError> {
+        let (path, data, device) = (run.path.clone(), run.given_dataset().map(Path::to_owned), run.device());
         let read = move || Read::new(&path, data.as_deref(), &device);
         let thread = std::thread::Builder::new().name("checkpoint".into()).spawn(read);
         self.0 =

@@ -1,6 +1,7 @@
 //! Segments through time, for the charts of the page: measured on a thread of its own, so that neither frames nor long
 //! work wait for it. Nothing is written.
 
+use super::background::guarded;
 use super::hub::{ClientId, Hub};
 use crate::name::Name;
 use crate::run::follow::{Times, measure};
@@ -10,7 +11,6 @@ use crate::track::follow::Followup;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::ops::RangeInclusive;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -165,12 +165,10 @@ impl Tracks {
         let (client, id, stop) = (request.client, request.id, Arc::new(AtomicBool::new(false)));
         let (out, hub, stopped) = (self.out.clone(), self.hub.clone(), stop.clone());
         let work = move || {
-            let found = catch_unwind(AssertUnwindSafe(|| follow(request, &stopped)));
-            let found = match found {
-                Ok(Ok(Some(track))) => Ok(track),
-                Ok(Ok(None)) => Err((id, replaced())),
-                Ok(Err(error)) => Err((id, error.to_string())),
-                Err(_) => Err((id, "an internal error stopped this; the viewer continues".into())),
+            let found = match guarded(|| follow(request, &stopped)) {
+                Ok(Some(track)) => Ok(track),
+                Ok(None) => Err((id, replaced())),
+                Err(error) => Err((id, error.to_string())),
             };
             // nobody listens any more if the viewer closes
             let _ = out.send((client, found));

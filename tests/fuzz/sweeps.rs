@@ -1,7 +1,8 @@
 //! Sweeps: their files, plans, claims and lists of jobs. Nothing is run.
 
 use crate::driver::{Scratch, Target, accepted, fuzz};
-use volseggs::sweep::axes::{flatten, variants};
+use volseggs::config::flatten;
+use volseggs::sweep::axes::variants;
 use volseggs::sweep::file::{SweepFile, name_of};
 use volseggs::sweep::result::progress;
 use volseggs::sweep::slurm::submissions;
@@ -39,8 +40,8 @@ fn file() {
             scratch.overwrite(&path, bytes);
             let Some(file) = accepted(SweepFile::read(&path)) else { return false };
             let _ = (name_of(&path), flatten(&file.grid).len());
-            accepted(file.datasets(&path));
-            accepted(variants(&file, &path));
+            accepted(file.datasets());
+            accepted(variants(&file));
             if let Some(plan) = accepted(Plan::new(&path, &options(&scratch))) {
                 used(&plan, &scratch);
             }

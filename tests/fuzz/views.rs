@@ -8,6 +8,7 @@ use volseggs::model::ToKernel;
 use volseggs::run::cameras::SIDE;
 use volseggs::run::keyframes::SavedPath;
 use volseggs::run::saved::{KEYWORD, SavedView};
+use volseggs::user_error::UserError;
 
 /// A view on its own.
 const VIEW: &str = r#"{"eye":[4.0,0.30000000000000004,-1e-7],"target":[0.0,0.0,0.0],"up":[0.0,0.0,1.0],"fov":0.5,

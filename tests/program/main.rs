@@ -15,6 +15,7 @@ mod eval_segments;
 mod examples;
 mod formats;
 mod inspect;
+mod known_scenes;
 mod labels;
 mod leftovers;
 mod limits;

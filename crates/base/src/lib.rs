@@ -22,5 +22,6 @@ pub mod report;
 pub mod rng;
 pub mod shell;
 pub mod tensors;
+pub mod user_error;
 pub mod versioned;
 pub mod words;

@@ -6,6 +6,7 @@
 //! not against tampering. Pieces are hashed in parallel.
 
 use crate::files::{open_regular, read_regular, write_atomic};
+use half::f16;
 use rayon::prelude::*;
 use safetensors::SafeTensors;
 use safetensors::tensor::{Dtype, SafeTensorError, TensorView};
@@ -114,6 +115,17 @@ pub fn header_entry(path: &Path, key: &str) -> Option<String> {
     }
     let header: serde_json::Value = serde_json::from_slice(&header).ok()?;
     Some(header.get("__metadata__")?.get(key)?.as_str()?.to_owned())
+}
+
+/// The values of a tensor of type F32 or F16; `None` for any other type.
+#[must_use]
+pub fn floats(tensor: &TensorView<'_>) -> Option<Vec<f32>> {
+    let bytes = tensor.data();
+    match tensor.dtype() {
+        Dtype::F32 => Some(bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect()),
+        Dtype::F16 => Some(bytes.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b).to_f32()).collect()),
+        _ => None,
+    }
 }
 
 fn read_bytes(path: &Path) -> Result<Vec<u8>, TensorFileError> {

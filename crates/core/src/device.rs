@@ -5,6 +5,13 @@ use std::fmt;
 use std::str::FromStr;
 
 /// A device that can be selected on the command line.
+///
+/// ```
+/// use volseggs_core::device::DeviceName;
+/// let cpu: DeviceName = "flex".parse()?;
+/// let device = cpu.open()?;
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DeviceName {
     /// burn's own CPU backend.

@@ -15,5 +15,7 @@ pub mod train;
 
 #[cfg(test)]
 use volseggs_base::points;
-use volseggs_base::{files, log, memory, nesting, program, registry, rng, shell, tensors, versioned, words};
+use volseggs_base::{
+    files, log, memory, nesting, program, registry, rng, shell, tensors, user_error, versioned, words,
+};
 use volseggs_volume::{data, volume};

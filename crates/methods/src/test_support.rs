@@ -152,7 +152,7 @@ pub(super) fn check_resume(method: &dyn Method, config: &Config, data: &Dataset)
     assert_eq!(opened.render(camera, 0.3), training.model().render(camera, 0.3));
 }
 
-/// A network run by ONNX Runtime, see `tests/support/networks_reference.py`: weights by this crate's names, inputs and
+/// A network run by ONNX Runtime, see `tests/networks_reference.py`: weights by this crate's names, inputs and
 /// outputs as `check.NAME`.
 pub(super) struct Reference(pub BTreeMap<String, HostTensor>);
 

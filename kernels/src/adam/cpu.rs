@@ -1,6 +1,7 @@
 //! Fused Adam step: one pass that checks the gradient, one that updates parameter and moments in place.
 //! Elementwise, so the bits do not depend on the number of threads. Keeps no state of its own.
 
+use crate::splat::cpu::lanes::wide;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
@@ -79,7 +80,7 @@ pub fn adam_step(
         .zip(m.par_chunks_mut(task))
         .zip(v.par_chunks_mut(task))
         .for_each(|(((param, grad), m), v)| {
-            crate::arch().dispatch(Update { param, grad, m, v, rates: &rates, step });
+            wide!(update(param, grad, m, v, &rates, step));
         });
     Ok(())
 }
@@ -140,42 +141,24 @@ impl WithSimd for Check<'_> {
     }
 }
 
-struct Update<'a> {
-    param: &'a mut [f32],
-    grad: &'a [f32],
-    m: &'a mut [f32],
-    v: &'a mut [f32],
-    rates: &'a [f32],
-    step: AdamStep,
-}
-
-impl WithSimd for Update<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let rows = self.rates.len();
-        let params = self.param.chunks_mut(rows).zip(self.grad.chunks(rows));
-        let moments = self.m.chunks_mut(rows).zip(self.v.chunks_mut(rows));
-        for ((param, grad), (m, v)) in params.zip(moments) {
-            update(param, grad, m, v, &self.rates[..grad.len()], self.step);
-        }
-    }
-}
-
+/// Updates rows of as many elements as there are rates.
 #[inline(always)]
 fn update(param: &mut [f32], grad: &[f32], m: &mut [f32], v: &mut [f32], rates: &[f32], step: AdamStep) {
     let (keep1, keep2) = (step.beta1, step.beta2);
     let (take1, take2) = (1.0 - keep1, 1.0 - keep2);
     let root = 1.0 / step.bias_correction2.sqrt();
-    let len = param.len();
-    let (grad, m, v, rates) = (&grad[..len], &mut m[..len], &mut v[..len], &rates[..len]);
-    for i in 0..len {
-        let g = grad[i];
-        let first = keep1 * m[i] + take1 * g;
-        let second = keep2 * v[i] + take2 * (g * g);
-        m[i] = first;
-        v[i] = second;
-        param[i] -= rates[i] * first / (second.sqrt() * root + step.eps);
+    let rows = rates.len();
+    let params = param.chunks_mut(rows).zip(grad.chunks(rows));
+    for ((param, grad), (m, v)) in params.zip(m.chunks_mut(rows).zip(v.chunks_mut(rows))) {
+        let len = param.len();
+        let (grad, m, v, rates) = (&grad[..len], &mut m[..len], &mut v[..len], &rates[..len]);
+        for i in 0..len {
+            let g = grad[i];
+            let first = keep1 * m[i] + take1 * g;
+            let second = keep2 * v[i] + take2 * (g * g);
+            m[i] = first;
+            v[i] = second;
+            param[i] -= rates[i] * first / (second.sqrt() * root + step.eps);
+        }
     }
 }

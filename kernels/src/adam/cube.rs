@@ -6,12 +6,8 @@
 
 use super::ops::{AdamOps, AdamOutput};
 use super::{AdamStep, LrPattern};
+use crate::cube::prelude::*;
 use crate::cube::{UNITS, arg, cubes, rows};
-use burn::backend::tensor::FloatTensor;
-use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
-use burn_cubecl::tensor::CubeTensor;
 
 #[cube(launch)]
 fn update(

@@ -3,7 +3,7 @@
 
 use super::cpu::first_non_finite;
 use super::{AdamStep, adam_step};
-use crate::backend::{CpuBackend, for_cpu_backends};
+use crate::backend::CpuBackend;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, Dispatch, ExtensionType, TensorMetadata, backend_extension};
 use burn::tensor::Tensor;
@@ -86,41 +86,21 @@ pub fn adam<const D: usize>(
     (tensors, out.non_finite)
 }
 
-fn cpu<B: CpuBackend>(
-    param: FloatTensor<B>,
-    grad: &FloatTensor<B>,
-    moments: [FloatTensor<B>; 2],
-    step: AdamStep,
-) -> AdamOutput<B> {
-    let (shape, device) = (param.shape(), param.device());
-    let [m, v] = moments;
-    let (mut param, mut m, mut v) = (B::into_values(param), B::into_values(m), B::into_values(v));
-    let non_finite = first_non_finite(&param).map(NonFinite::Parameter).or_else(|| {
-        let result = adam_step(&mut param, &B::values(grad), &mut m, &mut v, step);
-        result.err().map(|e| NonFinite::Gradient(e.index))
-    });
-    AdamOutput {
-        param: B::tensor(param, shape.clone(), &device),
-        moment_1: B::tensor(m, shape.clone(), &device),
-        moment_2: B::tensor(v, shape, &device),
-        non_finite,
+impl<B: CpuBackend> AdamOps for B {
+    fn adam(
+        param: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        moment_1: FloatTensor<Self>,
+        moment_2: FloatTensor<Self>,
+        step: AdamStep,
+    ) -> AdamOutput<Self> {
+        let (shape, device) = (param.shape(), param.device());
+        let [mut param, mut m, mut v] = [param, moment_1, moment_2].map(B::into_values);
+        let non_finite = first_non_finite(&param).map(NonFinite::Parameter).or_else(|| {
+            let result = adam_step(&mut param, &B::values(&grad), &mut m, &mut v, step);
+            result.err().map(|e| NonFinite::Gradient(e.index))
+        });
+        let [param, moment_1, moment_2] = [param, m, v].map(|values| B::tensor(values, shape.clone(), &device));
+        AdamOutput { param, moment_1, moment_2, non_finite }
     }
 }
-
-macro_rules! bind {
-    ($backend:ty) => {
-        impl AdamOps for $backend {
-            fn adam(
-                param: FloatTensor<Self>,
-                grad: FloatTensor<Self>,
-                moment_1: FloatTensor<Self>,
-                moment_2: FloatTensor<Self>,
-                step: AdamStep,
-            ) -> AdamOutput<Self> {
-                cpu::<Self>(param, &grad, [moment_1, moment_2], step)
-            }
-        }
-    };
-}
-
-for_cpu_backends!(bind);

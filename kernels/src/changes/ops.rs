@@ -1,10 +1,9 @@
 //! The split as a differentiable op on tensors for every backend, with its implementation for those in host memory.
 
 use super::{COLUMNS, WIDTHS};
-use crate::backend::{CpuBackend, for_cpu_backends, zeros};
-use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
-use burn::backend::autodiff::grads::Gradients;
-use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
+use crate::backend::{CpuBackend, zeros};
+use crate::tensors::recorded;
+use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::tensor::{Device, FloatTensor};
 use burn::backend::{Autodiff, Backend, Dispatch, ExtensionType, TensorMetadata, backend_extension};
 use burn::tensor::{FloatDType, Tensor};
@@ -59,71 +58,53 @@ pub fn split_changes(changes: Tensor<2>) -> [Tensor<2>; 4] {
 /// Rows per task.
 const ROWS: usize = 8192;
 
-fn cpu_split<B: CpuBackend>(changes: &FloatTensor<B>) -> ChangeTensors<B> {
-    let (n, device) = (changes.shape()[0], changes.device());
-    let values = B::values(changes);
-    let mut parts = WIDTHS.map(|width| zeros(n * width));
-    let [means, rotations, log_scales, opacity_logits] = &mut parts;
-    let rows = means
-        .par_chunks_mut(3 * ROWS)
-        .zip(rotations.par_chunks_mut(4 * ROWS))
-        .zip(log_scales.par_chunks_mut(3 * ROWS))
-        .zip(opacity_logits.par_chunks_mut(ROWS))
-        .zip(values.par_chunks(COLUMNS * ROWS));
-    rows.for_each(|((((mean, rotation), scale), opacity), values)| {
-        for (i, row) in values.chunks_exact(COLUMNS).enumerate() {
-            mean[3 * i..][..3].copy_from_slice(&row[..3]);
-            rotation[4 * i..][..4].copy_from_slice(&row[3..7]);
-            scale[3 * i..][..3].copy_from_slice(&row[7..10]);
-            opacity[i] = row[10];
-        }
-    });
-    let mut widths = WIDTHS.into_iter();
-    ChangeTensors::from(parts.map(|part| {
-        let width = widths.next().unwrap_or_default();
-        B::tensor(part, [n, width], &device)
-    }))
+impl<B: CpuBackend> ChangesOps for B {
+    fn changes_split(changes: FloatTensor<Self>) -> ChangeTensors<Self> {
+        let (n, device) = (changes.shape()[0], changes.device());
+        let values = B::values(&changes);
+        let mut parts = WIDTHS.map(|width| zeros(n * width));
+        let [means, rotations, log_scales, opacity_logits] = &mut parts;
+        let rows = means
+            .par_chunks_mut(3 * ROWS)
+            .zip(rotations.par_chunks_mut(4 * ROWS))
+            .zip(log_scales.par_chunks_mut(3 * ROWS))
+            .zip(opacity_logits.par_chunks_mut(ROWS))
+            .zip(values.par_chunks(COLUMNS * ROWS));
+        rows.for_each(|((((mean, rotation), scale), opacity), values)| {
+            for (i, row) in values.chunks_exact(COLUMNS).enumerate() {
+                mean[3 * i..][..3].copy_from_slice(&row[..3]);
+                rotation[4 * i..][..4].copy_from_slice(&row[3..7]);
+                scale[3 * i..][..3].copy_from_slice(&row[7..10]);
+                opacity[i] = row[10];
+            }
+        });
+        let mut widths = WIDTHS.into_iter();
+        ChangeTensors::from(parts.map(|part| {
+            let width = widths.next().unwrap_or_default();
+            B::tensor(part, [n, width], &device)
+        }))
+    }
 }
 
-fn cpu_join<B: CpuBackend>(parts: &[Option<FloatTensor<B>>; 4], n: usize, device: &Device<B>) -> FloatTensor<B> {
-    let mut out = zeros(n * COLUMNS);
-    let parts = parts.each_ref().map(|part| part.as_ref().map(B::values));
-    out.par_chunks_mut(COLUMNS * ROWS).enumerate().for_each(|(task, out)| {
-        let mut column = 0;
-        for (part, width) in parts.iter().zip(WIDTHS) {
-            if let Some(part) = part {
-                let part = &part[task * ROWS * width..];
-                for (row, values) in out.chunks_exact_mut(COLUMNS).zip(part.chunks_exact(width)) {
-                    row[column..column + width].copy_from_slice(values);
+impl<B: CpuBackend> ChangesBackwardOps for B {
+    fn changes_join(parts: [Option<FloatTensor<Self>>; 4], n: usize, device: &Device<Self>) -> FloatTensor<Self> {
+        let mut out = zeros(n * COLUMNS);
+        let parts = parts.each_ref().map(|part| part.as_ref().map(B::values));
+        out.par_chunks_mut(COLUMNS * ROWS).enumerate().for_each(|(task, out)| {
+            let mut column = 0;
+            for (part, width) in parts.iter().zip(WIDTHS) {
+                if let Some(part) = part {
+                    let part = &part[task * ROWS * width..];
+                    for (row, values) in out.chunks_exact_mut(COLUMNS).zip(part.chunks_exact(width)) {
+                        row[column..column + width].copy_from_slice(values);
+                    }
                 }
+                column += width;
             }
-            column += width;
-        }
-    });
-    B::tensor(out, [n, COLUMNS], device)
+        });
+        B::tensor(out, [n, COLUMNS], device)
+    }
 }
-
-macro_rules! bind {
-    ($backend:ty) => {
-        impl ChangesOps for $backend {
-            fn changes_split(changes: FloatTensor<Self>) -> ChangeTensors<Self> {
-                cpu_split::<Self>(&changes)
-            }
-        }
-
-        impl ChangesBackwardOps for $backend {
-            fn changes_join(
-                parts: [Option<FloatTensor<Self>>; 4],
-                n: usize,
-                device: &Device<Self>,
-            ) -> FloatTensor<Self> {
-                cpu_join::<Self>(&parts, n, device)
-            }
-        }
-    };
-}
-
-for_cpu_backends!(bind);
 
 /// The GPU implementation, by operations of the backend: four slices forward, one concatenation backward.
 #[cfg(feature = "cube")]
@@ -161,73 +142,34 @@ type Reached<B> = Arc<Mutex<[Option<FloatTensor<B>>; 4]>>;
 
 /// An op has one output in the graph. So each attribute is the output of an op of its own, and they have one parent, a
 /// number without meaning, whose backward pass comes after theirs: it joins the gradients that they leave.
-#[derive(Debug)]
-struct AttributeBackward;
-
-#[derive(Clone, Debug)]
-struct Attribute<B: Backend> {
-    reached: Reached<B>,
-    /// Which of the four.
-    index: usize,
-}
-
-impl<B: ChangesBackwardOps> Backward<B, 1> for AttributeBackward {
-    type State = Attribute<B>;
-
-    fn backward(self, ops: Ops<Self::State, 1>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
-        let grad = grads.consume::<B>(&ops.node);
-        let [Some(joined)] = ops.parents else { return };
-        let device = grad.device();
-        let mut reached = ops.state.reached.lock().unwrap_or_else(PoisonError::into_inner);
-        let first = reached.iter().all(Option::is_none);
-        reached[ops.state.index] = Some(grad);
-        if first {
-            grads.register::<B>(joined.id, B::float_zeros([1].into(), &device, FloatDType::F32));
-        }
-    }
-}
-
-#[derive(Debug)]
-struct JoinBackward;
-
-#[derive(Clone, Debug)]
-struct Join<B: Backend> {
-    reached: Reached<B>,
-    n: usize,
-    device: Device<B>,
-}
-
-impl<B: ChangesBackwardOps> Backward<B, 1> for JoinBackward {
-    type State = Join<B>;
-
-    fn backward(self, ops: Ops<Self::State, 1>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
-        grads.consume::<B>(&ops.node);
-        let Join { reached, n, device } = ops.state;
-        let parts = std::mem::take(&mut *reached.lock().unwrap_or_else(PoisonError::into_inner));
-        if let [Some(changes)] = ops.parents {
-            grads.register::<B>(changes.id, B::changes_join(parts, n, &device));
-        }
-    }
-}
-
 impl<B: ChangesOps + ChangesBackwardOps, C: CheckpointStrategy> ChangesOps for Autodiff<B, C> {
     fn changes_split(changes: FloatTensor<Self>) -> ChangeTensors<Self> {
         let (changes, node) = changes.into_parts();
         let (n, device) = (changes.shape()[0], changes.device());
-        let number = B::float_zeros([1].into(), &device, FloatDType::F32);
         let ChangeTensors { means, rotations, log_scales, opacity_logits } = B::changes_split(changes);
         let reached = Reached::<B>::default();
-        let joined: FloatTensor<Self> = match JoinBackward.prepare::<C>([node]).compute_bound().stateful() {
-            OpsKind::Tracked(prep) => prep.finish(Join { reached: reached.clone(), n, device }, number),
-            OpsKind::UnTracked(prep) => prep.finish(number),
-        };
+        let joined = recorded::<B, C, _, _>(
+            [node],
+            (reached.clone(), n, device.clone()),
+            |_| B::float_zeros([1].into(), &device, FloatDType::F32),
+            |(reached, n, device), _| {
+                let parts = std::mem::take(&mut *reached.lock().unwrap_or_else(PoisonError::into_inner));
+                [B::changes_join(parts, n, &device)]
+            },
+        );
         let mut count = 0..;
         ChangeTensors::from([means, rotations, log_scales, opacity_logits].map(|part| {
-            let index = count.next().unwrap_or_default();
-            match AttributeBackward.prepare::<C>([joined.node()]).compute_bound().stateful() {
-                OpsKind::Tracked(prep) => prep.finish(Attribute { reached: reached.clone(), index }, part),
-                OpsKind::UnTracked(prep) => prep.finish(part),
-            }
+            let kept = (reached.clone(), count.next().unwrap_or_default());
+            recorded::<B, C, _, _>(
+                [joined.node()],
+                kept,
+                |_| part,
+                |(reached, index): (Reached<B>, usize), grad| {
+                    let number = B::float_zeros([1].into(), &grad.device(), FloatDType::F32);
+                    reached.lock().unwrap_or_else(PoisonError::into_inner)[index] = Some(grad);
+                    [number]
+                },
+            )
         }))
     }
 }

@@ -1,8 +1,7 @@
 //! Atomic addition to floats shared by many units: by the device's own float atomics, or by compare-and-exchange of
 //! their bits.
 
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
+use crate::cube::prelude::*;
 
 /// Addition of a float to memory that other units also add to.
 #[cube]

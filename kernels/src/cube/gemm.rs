@@ -5,10 +5,7 @@
 //! in plain f32 on every device.
 
 use super::{Words, arg, cubes};
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::client::Client;
-use burn_cubecl::cubecl::prelude::*;
-use burn_cubecl::tensor::CubeTensor;
+use crate::cube::prelude::*;
 
 /// Rows and columns of a cube's tile.
 const TILE: u32 = 64;

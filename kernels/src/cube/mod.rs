@@ -10,17 +10,23 @@ pub(crate) mod path;
 pub(crate) mod reduce;
 pub(crate) mod scan;
 pub(crate) mod sort;
+pub(crate) mod vector;
 
 pub use path::{GpuPaths, gpu_paths, is_gpu};
 
 use burn::tensor::{DType, Shape};
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::client::Client;
-use burn_cubecl::cubecl::prelude::*;
 use burn_cubecl::cubecl::server::Handle;
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::ops::numeric::empty_device_contiguous_dtype;
-use burn_cubecl::tensor::CubeTensor;
+use prelude::*;
+
+/// What every file of GPU kernels uses of the kernel language and of its backend.
+pub(crate) mod prelude {
+    pub(crate) use burn::backend::tensor::FloatTensor;
+    pub(crate) use burn_cubecl::CubeBackend;
+    pub(crate) use burn_cubecl::cubecl::{self, client::Client, prelude::*};
+    pub(crate) use burn_cubecl::tensor::CubeTensor;
+}
 
 /// Default number of units per cube.
 pub(crate) const UNITS: u32 = 256;

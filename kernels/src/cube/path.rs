@@ -3,13 +3,11 @@
 
 use super::Words;
 use super::atomic::{AddF32, Native};
+use crate::cube::prelude::*;
 use burn::backend::DispatchDevice;
 use burn::tensor::Device;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::client::Client;
 use burn_cubecl::cubecl::ir::features::AtomicUsage;
 use burn_cubecl::cubecl::ir::{ElemType, FloatKind, Type};
-use burn_cubecl::cubecl::prelude::*;
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{LazyLock, Mutex};

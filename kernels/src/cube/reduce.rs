@@ -1,10 +1,7 @@
 //! Sums over a buffer in a fixed order: units, then cubes.
 
 use super::{UNITS, Words};
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::client::Client;
-use burn_cubecl::cubecl::prelude::*;
-use burn_cubecl::tensor::CubeTensor;
+use crate::cube::prelude::*;
 
 /// Returns the sum of `value` over the 256 units of a cube, valid in unit 0; all units must call it.
 #[cube]

@@ -1,9 +1,7 @@
 //! Exclusive prefix sums of u32 buffers, in place.
 
 use super::{Words, cubes};
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::client::Client;
-use burn_cubecl::cubecl::prelude::*;
+use crate::cube::prelude::*;
 
 /// Units per cube.
 const UNITS: u32 = 256;

@@ -4,9 +4,7 @@
 //! scanned digit by digit, so that equal keys keep their order. It uses neither plane operations nor atomics.
 
 use super::{Words, cubes, scan};
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::client::Client;
-use burn_cubecl::cubecl::prelude::*;
+use crate::cube::prelude::*;
 
 /// Units per cube.
 const UNITS: u32 = 128;

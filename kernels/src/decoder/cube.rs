@@ -4,14 +4,9 @@
 use super::ops::{DecoderBackwardOps, DecoderOps, DecoderTensors};
 use super::shape::DecoderShape;
 use crate::cube::gemm::{Finish, column_sums, product, transposed};
+use crate::cube::prelude::*;
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, rows};
 use burn::backend::ops::FloatTensorOps;
-use burn::backend::tensor::FloatTensor;
-use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::client::Client;
-use burn_cubecl::cubecl::prelude::*;
-use burn_cubecl::tensor::CubeTensor;
 
 /// Returns the head of each output column.
 fn head_of_columns(shape: &DecoderShape) -> Vec<u32> {

@@ -3,11 +3,9 @@
 use super::cpu::{backward, forward};
 use super::params::{DecoderGrads, DecoderInputs, DecoderParams};
 use super::shape::DecoderShape;
-use crate::backend::{CpuBackend, for_cpu_backends, zeros};
-use crate::tensors::{op_tensors, register};
-use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
-use burn::backend::autodiff::grads::Gradients;
-use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
+use crate::backend::{CpuBackend, zeros};
+use crate::tensors::{like, op_tensors, recorded};
+use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, TensorMetadata, backend_extension};
 use burn::tensor::Tensor;
@@ -110,85 +108,42 @@ pub fn decoder(
     Tensor::from_dispatch(Dispatch::decoder_forward(inputs, shape.clone()))
 }
 
-fn cpu_forward<B: CpuBackend>(inputs: &DecoderTensors<B>, shape: &DecoderShape) -> FloatTensor<B> {
-    let n = inputs.features.shape()[0];
-    let [features, own, w0, b0, w1, b1, w2, b2] = inputs.as_array().map(B::values);
-    let params = DecoderParams { w0: &w0, b0: &b0, w1: &w1, b1: &b1, w2: &w2, b2: &b2 };
-    let mut out = zeros(n * shape.outputs());
-    forward(shape, params, DecoderInputs { features: &features, own: &own }, &mut out);
-    B::tensor(out, [n, shape.outputs()], &inputs.features.device())
+impl<B: CpuBackend> DecoderOps for B {
+    fn decoder_forward(inputs: DecoderTensors<Self>, shape: DecoderShape) -> FloatTensor<Self> {
+        let n = inputs.features.shape()[0];
+        let [features, own, w0, b0, w1, b1, w2, b2] = inputs.as_array().map(B::values);
+        let params = DecoderParams { w0: &w0, b0: &b0, w1: &w1, b1: &b1, w2: &w2, b2: &b2 };
+        let mut out = zeros(n * shape.outputs());
+        forward(&shape, params, DecoderInputs { features: &features, own: &own }, &mut out);
+        B::tensor(out, [n, shape.outputs()], &inputs.features.device())
+    }
 }
 
-fn cpu_backward<B: CpuBackend>(
-    inputs: &DecoderTensors<B>,
-    grad: &FloatTensor<B>,
-    shape: &DecoderShape,
-) -> DecoderTensors<B> {
-    let device = inputs.features.device();
-    let mut grads = inputs.as_array().map(|t| zeros(t.shape().num_elements()));
-    {
+impl<B: CpuBackend> DecoderBackwardOps for B {
+    fn decoder_backward(
+        inputs: DecoderTensors<Self>,
+        grad: FloatTensor<Self>,
+        shape: DecoderShape,
+    ) -> DecoderTensors<Self> {
+        let mut grads = inputs.as_array().map(|t| zeros(t.shape().num_elements()));
         let [features, own, w0, b0, w1, b1, w2, b2] = inputs.as_array().map(B::values);
         let params = DecoderParams { w0: &w0, b0: &b0, w1: &w1, b1: &b1, w2: &w2, b2: &b2 };
         let [gx, gown, g0, h0, g1, h1, g2, h2] = &mut grads;
         let out = DecoderGrads { w0: g0, b0: h0, w1: g1, b1: h1, w2: g2, b2: h2, features: gx, own: gown };
         let x = DecoderInputs { features: &features, own: &own };
-        backward(shape, params, x, &B::values(grad), None, out);
-    }
-    let mut shapes = inputs.as_array().map(|t| t.shape()).into_iter();
-    DecoderTensors::from(grads.map(|values| {
-        let shape = shapes.next().expect("one shape per gradient");
-        B::tensor(values, shape, &device)
-    }))
-}
-
-macro_rules! bind {
-    ($backend:ty) => {
-        impl DecoderOps for $backend {
-            fn decoder_forward(inputs: DecoderTensors<Self>, shape: DecoderShape) -> FloatTensor<Self> {
-                cpu_forward::<Self>(&inputs, &shape)
-            }
-        }
-
-        impl DecoderBackwardOps for $backend {
-            fn decoder_backward(
-                inputs: DecoderTensors<Self>,
-                grad: FloatTensor<Self>,
-                shape: DecoderShape,
-            ) -> DecoderTensors<Self> {
-                cpu_backward::<Self>(&inputs, &grad, &shape)
-            }
-        }
-    };
-}
-
-for_cpu_backends!(bind);
-
-#[derive(Clone, Debug)]
-struct State<B: DecoderBackwardOps> {
-    inputs: DecoderTensors<B>,
-    shape: DecoderShape,
-}
-
-#[derive(Debug)]
-struct DecoderBackward;
-
-impl<B: DecoderBackwardOps> Backward<B, 8> for DecoderBackward {
-    type State = State<B>;
-
-    fn backward(self, ops: Ops<Self::State, 8>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
-        let grad = grads.consume::<B>(&ops.node);
-        let out = B::decoder_backward(ops.state.inputs, grad, ops.state.shape);
-        register::<B, 8>(grads, ops.parents.map(|p| p.map(|node| node.id)), out.into_array());
+        backward(&shape, params, x, &B::values(&grad), None, out);
+        like::<B, _>(inputs.as_array(), grads).into()
     }
 }
 
 impl<B: DecoderOps + DecoderBackwardOps, C: CheckpointStrategy> DecoderOps for Autodiff<B, C> {
     fn decoder_forward(inputs: DecoderTensors<Self>, shape: DecoderShape) -> FloatTensor<Self> {
         let (inputs, nodes) = inputs.into_parts();
-        let out = B::decoder_forward(inputs.clone(), shape.clone());
-        match DecoderBackward.prepare::<C>(nodes).compute_bound().stateful() {
-            OpsKind::Tracked(prep) => prep.finish(State { inputs, shape }, out),
-            OpsKind::UnTracked(prep) => prep.finish(out),
-        }
+        recorded::<B, C, _, _>(
+            nodes,
+            (inputs, shape),
+            |(inputs, shape)| B::decoder_forward(inputs, shape),
+            |(inputs, shape), grad| B::decoder_backward(inputs, grad, shape).into_array(),
+        )
     }
 }

@@ -1,20 +1,20 @@
 //! The decoder's inputs, its parameters and the gradients of both as slices. No arithmetic.
 
-/// The parameters, row-major: `F` inputs, `W` hidden units, `H` heads, `C` outputs.
+/// The parameters, row-major: `F` inputs, `W` hidden units, `H` heads, `C` outputs; in f64 for the oracle.
 #[derive(Clone, Copy, Debug)]
-pub struct DecoderParams<'a> {
+pub struct DecoderParams<'a, T = f32> {
     /// Trunk weights `[F, W]`.
-    pub w0: &'a [f32],
+    pub w0: &'a [T],
     /// Trunk bias `[W]`.
-    pub b0: &'a [f32],
+    pub b0: &'a [T],
     /// Head weights `[W, H * W]`; head `k` owns columns `k * W .. (k + 1) * W`.
-    pub w1: &'a [f32],
+    pub w1: &'a [T],
     /// Head biases `[H * W]`.
-    pub b1: &'a [f32],
+    pub b1: &'a [T],
     /// Output weights `[W, C]`; each head owns its columns.
-    pub w2: &'a [f32],
+    pub w2: &'a [T],
     /// Output bias `[C]`.
-    pub b2: &'a [f32],
+    pub b2: &'a [T],
 }
 
 /// The inputs `[N, F]` in two parts, side by side, so that nobody has to copy them into one: features, and numbers that

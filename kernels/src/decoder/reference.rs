@@ -3,22 +3,8 @@
 
 use super::shape::DecoderShape;
 
-/// The parameters in f64, laid out as in [`super::DecoderParams`].
-#[derive(Clone, Copy, Debug)]
-pub struct Params<'a> {
-    /// Trunk weights `[F, W]`.
-    pub w0: &'a [f64],
-    /// Trunk bias `[W]`.
-    pub b0: &'a [f64],
-    /// Head weights `[W, H * W]`.
-    pub w1: &'a [f64],
-    /// Head biases `[H * W]`.
-    pub b1: &'a [f64],
-    /// Output weights `[W, C]`.
-    pub w2: &'a [f64],
-    /// Output bias `[C]`.
-    pub b2: &'a [f64],
-}
+/// The parameters in f64.
+pub type Params<'a> = super::DecoderParams<'a, f64>;
 
 /// Gradients of [`forward`], each as long as the buffer it belongs to.
 #[derive(Clone, Debug)]

@@ -3,11 +3,9 @@
 use super::cpu::{backward, forward};
 use super::params::{FieldGrads, FieldParams};
 use super::shape::FieldShape;
-use crate::backend::{CpuBackend, for_cpu_backends, zeros};
-use crate::tensors::{op_tensors, register};
-use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
-use burn::backend::autodiff::grads::Gradients;
-use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
+use crate::backend::{CpuBackend, zeros};
+use crate::tensors::{like, op_tensors, recorded};
+use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, TensorMetadata, backend_extension};
 use burn::tensor::Tensor;
@@ -73,90 +71,45 @@ pub fn field(
     Tensor::from_dispatch(Dispatch::field_forward(inputs, shape.clone(), time))
 }
 
-fn cpu_forward<B: CpuBackend>(inputs: &FieldTensors<B>, shape: &FieldShape, time: f32) -> FloatTensor<B> {
-    let n = inputs.points.shape()[0];
-    let mut features = zeros(n * shape.features_len());
-    let [planes, lines, times, points] = inputs.as_array().map(B::values);
-    forward(shape, FieldParams { planes: &planes, lines: &lines, times: &times }, &points, time, &mut features);
-    B::tensor(features, [n, shape.features_len()], &inputs.points.device())
-}
-
-fn cpu_backward<B: CpuBackend>(
-    inputs: &FieldTensors<B>,
-    grad: &FloatTensor<B>,
-    shape: &FieldShape,
-    time: f32,
-) -> FieldTensors<B> {
-    let device = inputs.points.device();
-    let n = inputs.points.shape()[0];
-    let [planes, lines, times, points] = inputs.as_array().map(B::values);
-    let params = FieldParams { planes: &planes, lines: &lines, times: &times };
-    let mut grads = (zeros(params.planes.len()), zeros(params.lines.len()), zeros(params.times.len()), zeros(3 * n));
-    let out = FieldGrads { planes: &mut grads.0, lines: &mut grads.1, times: &mut grads.2, points: &mut grads.3 };
-    let grad = B::values(grad);
-    // Gaussians seen by no pixel have a gradient of zero: about half of them in a translucent scene
-    let rows = grad.par_chunks_exact(shape.features_len()).with_min_len(1024);
-    let active: Vec<bool> = rows.map(|row| row.iter().any(|&g| g != 0.0)).collect();
-    backward(shape, params, &points, time, &grad, Some(&active), out);
-    FieldTensors {
-        planes: B::tensor(grads.0, inputs.planes.shape(), &device),
-        lines: B::tensor(grads.1, inputs.lines.shape(), &device),
-        times: B::tensor(grads.2, inputs.times.shape(), &device),
-        points: B::tensor(grads.3, [n, 3], &device),
+impl<B: CpuBackend> FieldOps for B {
+    fn field_forward(inputs: FieldTensors<Self>, shape: FieldShape, time: f32) -> FloatTensor<Self> {
+        let n = inputs.points.shape()[0];
+        let mut features = zeros(n * shape.features_len());
+        let [planes, lines, times, points] = inputs.as_array().map(B::values);
+        forward(&shape, FieldParams { planes: &planes, lines: &lines, times: &times }, &points, time, &mut features);
+        B::tensor(features, [n, shape.features_len()], &inputs.points.device())
     }
 }
 
-macro_rules! bind {
-    ($backend:ty) => {
-        impl FieldOps for $backend {
-            fn field_forward(inputs: FieldTensors<Self>, shape: FieldShape, time: f32) -> FloatTensor<Self> {
-                cpu_forward::<Self>(&inputs, &shape, time)
-            }
-        }
-
-        impl FieldBackwardOps for $backend {
-            fn field_backward(
-                inputs: FieldTensors<Self>,
-                grad: FloatTensor<Self>,
-                shape: FieldShape,
-                time: f32,
-            ) -> FieldTensors<Self> {
-                cpu_backward::<Self>(&inputs, &grad, &shape, time)
-            }
-        }
-    };
-}
-
-for_cpu_backends!(bind);
-
-#[derive(Clone, Debug)]
-struct State<B: FieldBackwardOps> {
-    inputs: FieldTensors<B>,
-    shape: FieldShape,
-    time: f32,
-}
-
-#[derive(Debug)]
-struct FieldBackward;
-
-impl<B: FieldBackwardOps> Backward<B, 4> for FieldBackward {
-    type State = State<B>;
-
-    fn backward(self, ops: Ops<Self::State, 4>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
-        let grad = grads.consume::<B>(&ops.node);
-        let State { inputs, shape, time } = ops.state;
-        let out = B::field_backward(inputs, grad, shape, time);
-        register::<B, 4>(grads, ops.parents.map(|p| p.map(|node| node.id)), out.into_array());
+impl<B: CpuBackend> FieldBackwardOps for B {
+    fn field_backward(
+        inputs: FieldTensors<Self>,
+        grad: FloatTensor<Self>,
+        shape: FieldShape,
+        time: f32,
+    ) -> FieldTensors<Self> {
+        let [planes, lines, times, points] = inputs.as_array().map(B::values);
+        let params = FieldParams { planes: &planes, lines: &lines, times: &times };
+        let mut grads = [&planes, &lines, &times, &points].map(|values| zeros(values.len()));
+        let [of_planes, of_lines, of_times, of_points] = &mut grads;
+        let out = FieldGrads { planes: of_planes, lines: of_lines, times: of_times, points: of_points };
+        let grad = B::values(&grad);
+        // Gaussians seen by no pixel have a gradient of zero: about half of them in a translucent scene
+        let rows = grad.par_chunks_exact(shape.features_len()).with_min_len(1024);
+        let active: Vec<bool> = rows.map(|row| row.iter().any(|&g| g != 0.0)).collect();
+        backward(&shape, params, &points, time, &grad, Some(&active), out);
+        like::<B, _>(inputs.as_array(), grads).into()
     }
 }
 
 impl<B: FieldOps + FieldBackwardOps, C: CheckpointStrategy> FieldOps for Autodiff<B, C> {
     fn field_forward(inputs: FieldTensors<Self>, shape: FieldShape, time: f32) -> FloatTensor<Self> {
         let (inputs, nodes) = inputs.into_parts();
-        let out = B::field_forward(inputs.clone(), shape.clone(), time);
-        match FieldBackward.prepare::<C>(nodes).compute_bound().stateful() {
-            OpsKind::Tracked(prep) => prep.finish(State { inputs, shape, time }, out),
-            OpsKind::UnTracked(prep) => prep.finish(out),
-        }
+        recorded::<B, C, _, _>(
+            nodes,
+            (inputs, shape, time),
+            |(inputs, shape, time)| B::field_forward(inputs, shape, time),
+            |(inputs, shape, time), grad| B::field_backward(inputs, grad, shape, time).into_array(),
+        )
     }
 }

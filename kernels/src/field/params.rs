@@ -1,14 +1,15 @@
 //! The field's parameters and their gradients as slices. No sizes and no arithmetic.
 
-/// The three flat parameter buffers, laid out as [`FieldShape`](super::shape::FieldShape) describes.
+/// The three flat parameter buffers, laid out as [`FieldShape`](super::shape::FieldShape) describes; in f64 for the
+/// oracle.
 #[derive(Clone, Copy, Debug)]
-pub struct FieldParams<'a> {
+pub struct FieldParams<'a, T = f32> {
     /// Plane tensors.
-    pub planes: &'a [f32],
+    pub planes: &'a [T],
     /// Line tensors.
-    pub lines: &'a [f32],
+    pub lines: &'a [T],
     /// Time tensors.
-    pub times: &'a [f32],
+    pub times: &'a [T],
 }
 
 /// Output buffers of [`backward`](super::cpu::backward); every element is overwritten.

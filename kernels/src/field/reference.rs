@@ -4,15 +4,7 @@
 use super::shape::{FieldShape, PLANE_AXES, PLANE_LINE};
 
 /// The three flat parameter buffers in f64.
-#[derive(Clone, Copy, Debug)]
-pub struct Params<'a> {
-    /// Plane tensors.
-    pub planes: &'a [f64],
-    /// Line tensors.
-    pub lines: &'a [f64],
-    /// Time tensors.
-    pub times: &'a [f64],
-}
+pub type Params<'a> = super::FieldParams<'a, f64>;
 
 /// Gradients of [`forward`], each as long as the buffer it belongs to.
 #[derive(Clone, Debug)]

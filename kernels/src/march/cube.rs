@@ -3,12 +3,8 @@
 
 use super::ops::{MarchBackwardOps, MarchOps, MarchTensors};
 use super::rays::RaySamples;
+use crate::cube::prelude::*;
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, rows};
-use burn::backend::tensor::FloatTensor;
-use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
-use burn_cubecl::tensor::CubeTensor;
 
 /// Rays per cube: one warp, as long rays hold up their neighbours.
 const RAYS: u32 = UNITS / 8;

@@ -34,19 +34,6 @@ pub struct Seen<'a> {
     pub exponent: f32,
 }
 
-/// One array for each input, in the shape of the input.
-#[derive(Clone, Debug)]
-pub struct Gradients {
-    /// `[N, 3]`
-    pub means: Vec<f32>,
-    /// `[N, 4]`
-    pub rotations: Vec<f32>,
-    /// `[N, 3]`
-    pub log_scales: Vec<f32>,
-    /// `[N]`
-    pub logits: Vec<f32>,
-}
-
 /// One Gaussian.
 #[derive(Clone, Copy)]
 struct One {
@@ -176,23 +163,16 @@ fn depth_by_opacity(depth: f32) -> f32 {
 /// Returns the logits `[N]` as the eye sees them.
 #[must_use]
 pub fn forward(seen: &Seen<'_>) -> Vec<f32> {
-    let arch = crate::arch();
     let mut out = zeros(seen.logits.len());
     out.par_chunks_mut(PIECE).enumerate().for_each(|(piece, out)| {
-        wide(
-            arch,
-            #[inline(always)]
-            || {
-                for (block, out) in out.chunks_mut(BLOCK).enumerate() {
-                    let read = Block::read(seen, piece * PIECE + block * BLOCK, out.len());
-                    let mut values = [0.0; BLOCK];
-                    for (lane, value) in values.iter_mut().enumerate() {
-                        *value = one_forward(&read.one(lane), seen);
-                    }
-                    out.copy_from_slice(&values[..out.len()]);
-                }
-            },
-        );
+        wide!(for (block, out) in out.chunks_mut(BLOCK).enumerate() {
+            let read = Block::read(seen, piece * PIECE + block * BLOCK, out.len());
+            let mut values = [0.0; BLOCK];
+            for (lane, value) in values.iter_mut().enumerate() {
+                *value = one_forward(&read.one(lane), seen);
+            }
+            out.copy_from_slice(&values[..out.len()]);
+        });
     });
     out
 }
@@ -205,48 +185,42 @@ fn one_forward(one: &One, seen: &Seen<'_>) -> f32 {
     if log_depth < LARGEST { logit } else { log_depth * f32::INFINITY }
 }
 
-/// Returns the gradients of a loss whose gradient with respect to the result of [`forward`] is `grad` `[N]`. They are 0
-/// where that is, and where the result is not finite.
+/// Returns the gradients of a loss whose gradient with respect to the result of [`forward`] is `grad` `[N]`: those with
+/// respect to means `[N, 3]`, rotations `[N, 4]`, log-scales `[N, 3]` and logits `[N]`. They are 0 where `grad` is, and
+/// where the result is not finite.
 #[must_use]
-pub fn backward(seen: &Seen<'_>, grad: &[f32]) -> Gradients {
-    let arch = crate::arch();
+pub fn backward(seen: &Seen<'_>, grad: &[f32]) -> [Vec<f32>; 4] {
     let n = seen.logits.len();
-    let mut out =
-        Gradients { means: zeros(3 * n), rotations: zeros(4 * n), log_scales: zeros(3 * n), logits: zeros(n) };
-    let pieces = (out.means.par_chunks_mut(3 * PIECE))
-        .zip(out.rotations.par_chunks_mut(4 * PIECE))
-        .zip(out.log_scales.par_chunks_mut(3 * PIECE))
-        .zip(out.logits.par_chunks_mut(PIECE));
+    let mut out = [3, 4, 3, 1].map(|width| zeros(width * n));
+    let [means, rotations, log_scales, logits] = &mut out;
+    let pieces = (means.par_chunks_mut(3 * PIECE))
+        .zip(rotations.par_chunks_mut(4 * PIECE))
+        .zip(log_scales.par_chunks_mut(3 * PIECE))
+        .zip(logits.par_chunks_mut(PIECE));
     pieces.enumerate().for_each(|(piece, (((means, rotations), log_scales), logits))| {
-        wide(
-            arch,
-            #[inline(always)]
-            || {
-                for start in (0..logits.len()).step_by(BLOCK) {
-                    let (first, count) = (piece * PIECE + start, BLOCK.min(logits.len() - start));
-                    let read = Block::read(seen, first, count);
-                    let mut by = [0.0; BLOCK];
-                    by[..count].copy_from_slice(&grad[first..first + count]);
-                    let mut slopes = [[0.0; BLOCK]; 11];
-                    for lane in 0..BLOCK {
-                        for (row, value) in slopes.iter_mut().zip(one_backward(&read.one(lane), seen, by[lane])) {
-                            row[lane] = value;
-                        }
-                    }
-                    for lane in 0..count {
-                        let row = start + lane;
-                        for c in 0..3 {
-                            means[3 * row + c] = slopes[c][lane];
-                            log_scales[3 * row + c] = slopes[7 + c][lane];
-                        }
-                        for c in 0..4 {
-                            rotations[4 * row + c] = slopes[3 + c][lane];
-                        }
-                        logits[row] = slopes[10][lane];
-                    }
+        wide!(for start in (0..logits.len()).step_by(BLOCK) {
+            let (first, count) = (piece * PIECE + start, BLOCK.min(logits.len() - start));
+            let read = Block::read(seen, first, count);
+            let mut by = [0.0; BLOCK];
+            by[..count].copy_from_slice(&grad[first..first + count]);
+            let mut slopes = [[0.0; BLOCK]; 11];
+            for lane in 0..BLOCK {
+                for (row, value) in slopes.iter_mut().zip(one_backward(&read.one(lane), seen, by[lane])) {
+                    row[lane] = value;
                 }
-            },
-        );
+            }
+            for lane in 0..count {
+                let row = start + lane;
+                for c in 0..3 {
+                    means[3 * row + c] = slopes[c][lane];
+                    log_scales[3 * row + c] = slopes[7 + c][lane];
+                }
+                for c in 0..4 {
+                    rotations[4 * row + c] = slopes[3 + c][lane];
+                }
+                logits[row] = slopes[10][lane];
+            }
+        });
     });
     out
 }

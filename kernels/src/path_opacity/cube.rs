@@ -2,13 +2,11 @@
 
 use super::ops::{PathBackwardOps, PathOps, PathTensors};
 use super::{MIN_SQUARE, REACH, SMALL};
+use crate::cube::prelude::*;
+use crate::cube::vector::{Vec3, cross, dot, scaled, vec3_at};
 use crate::cube::{UNITS, arg, cubes, empty_f32, is_finite, rows};
 use crate::march::cube::opacity;
 use crate::turn::NO_ROTATION;
-use burn::backend::tensor::FloatTensor;
-use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
 
 /// A logit above which it is the optical depth.
 const LARGE: f32 = 16.0;
@@ -46,27 +44,17 @@ fn inverse_square(apart: f32) -> f32 {
 struct Ray {
     /// The inverse of the unit quaternion, and 1 over the former length, 0 for no rotation.
     w: f32,
-    ux: f32,
-    uy: f32,
-    uz: f32,
+    u: Vec3,
     inverse_length: f32,
     /// The unit direction in the world, and 1 over the distance.
-    dx: f32,
-    dy: f32,
-    dz: f32,
+    direction: Vec3,
     inverse_distance: f32,
     /// The direction along each axis of the Gaussian.
-    lx: f32,
-    ly: f32,
-    lz: f32,
+    local: Vec3,
     /// How much smaller than their mean each log scale is.
-    apart_x: f32,
-    apart_y: f32,
-    apart_z: f32,
+    apart: Vec3,
     /// `s0^2 / s^2` of each axis.
-    ax: f32,
-    ay: f32,
-    az: f32,
+    inverse_squares: Vec3,
     /// `(s0 / L)^2`, and `p ln(L / s0)`; 1 and 0 at the eye itself, which has no direction.
     square: f32,
     gain: f32,
@@ -88,54 +76,25 @@ fn ray_of(
     let unturned = norm2 <= comptime!(NO_ROTATION);
     let inverse_length = select(unturned, 0.0f32, 1.0f32 / f32::sqrt(max(norm2, comptime!(NO_ROTATION))));
     let w = select(unturned, 1.0f32, qw * inverse_length);
-    let ux = -qx * inverse_length;
-    let uy = -qy * inverse_length;
-    let uz = -qz * inverse_length;
-    let tx = means[3 * i] - eye0;
-    let ty = means[3 * i + 1] - eye1;
-    let tz = means[3 * i + 2] - eye2;
-    let inverse_distance = 1.0f32 / f32::sqrt(max(tx * tx + ty * ty + tz * tz, comptime!(MIN_SQUARE)));
-    let dx = tx * inverse_distance;
-    let dy = ty * inverse_distance;
-    let dz = tz * inverse_distance;
-    let straight = w * w - ux * ux - uy * uy - uz * uz;
-    let along = 2.0f32 * (ux * dx + uy * dy + uz * dz);
-    let lx = straight * dx + along * ux + 2.0f32 * w * (uy * dz - uz * dy);
-    let ly = straight * dy + along * uy + 2.0f32 * w * (uz * dx - ux * dz);
-    let lz = straight * dz + along * uz + 2.0f32 * w * (ux * dy - uy * dx);
-    let (sx, sy, sz) = (log_scales[3 * i], log_scales[3 * i + 1], log_scales[3 * i + 2]);
-    let middle = (sx + sy + sz) / 3.0f32;
-    let apart_x = middle - sx;
-    let apart_y = middle - sy;
-    let apart_z = middle - sz;
-    let ax = inverse_square(apart_x);
-    let ay = inverse_square(apart_y);
-    let az = inverse_square(apart_z);
-    let square = lx * lx * ax + ly * ly * ay + lz * lz * az;
+    let u = Vec3 { x: -qx * inverse_length, y: -qy * inverse_length, z: -qz * inverse_length };
+    let to = Vec3 { x: means[3 * i] - eye0, y: means[3 * i + 1] - eye1, z: means[3 * i + 2] - eye2 };
+    let inverse_distance = 1.0f32 / f32::sqrt(max(dot(&to, &to), comptime!(MIN_SQUARE)));
+    let d = scaled(&to, inverse_distance);
+    let straight = w * w - u.x * u.x - u.y * u.y - u.z * u.z;
+    let (along, across) = (2.0f32 * dot(&u, &d), cross(&u, &d));
+    let l = Vec3 {
+        x: straight * d.x + along * u.x + 2.0f32 * w * across.x,
+        y: straight * d.y + along * u.y + 2.0f32 * w * across.y,
+        z: straight * d.z + along * u.z + 2.0f32 * w * across.z,
+    };
+    let s = vec3_at(log_scales, 3 * i);
+    let middle = (s.x + s.y + s.z) / 3.0f32;
+    let apart = Vec3 { x: middle - s.x, y: middle - s.y, z: middle - s.z };
+    let a = Vec3 { x: inverse_square(apart.x), y: inverse_square(apart.y), z: inverse_square(apart.z) };
+    let square = l.x * l.x * a.x + l.y * l.y * a.y + l.z * l.z * a.z;
     let square = select(square == 0.0f32, 1.0f32, square);
     let gain = -0.5f32 * exponent * f32::ln(square);
-    Ray {
-        w,
-        ux,
-        uy,
-        uz,
-        inverse_length,
-        dx,
-        dy,
-        dz,
-        inverse_distance,
-        lx,
-        ly,
-        lz,
-        apart_x,
-        apart_y,
-        apart_z,
-        ax,
-        ay,
-        az,
-        square,
-        gain,
-    }
+    Ray { w, u, inverse_length, direction: d, inverse_distance, local: l, apart, inverse_squares: a, square, gain }
 }
 
 #[cube(launch)]
@@ -188,41 +147,39 @@ fn backward(
         let sigmoid = 1.0f32 / (1.0f32 + f32::exp(-max(logits[i], comptime!(SMALL))));
         let of_base = select(logits[i] < comptime!(SMALL), 1.0f32, sigmoid / f32::exp(base));
         let by_square = -0.5f32 * exponent * by_depth / r.square;
-        let bx = 2.0f32 * by_square * r.lx * r.ax;
-        let by = 2.0f32 * by_square * r.ly * r.ay;
-        let bz = 2.0f32 * by_square * r.lz * r.az;
-        let ox = of_axis(r.apart_x, bx * r.lx);
-        let oy = of_axis(r.apart_y, by * r.ly);
-        let oz = of_axis(r.apart_z, bz * r.lz);
+        let b = Vec3 {
+            x: 2.0f32 * by_square * r.local.x * r.inverse_squares.x,
+            y: 2.0f32 * by_square * r.local.y * r.inverse_squares.y,
+            z: 2.0f32 * by_square * r.local.z * r.inverse_squares.z,
+        };
+        let ox = of_axis(r.apart.x, b.x * r.local.x);
+        let oy = of_axis(r.apart.y, b.y * r.local.y);
+        let oz = of_axis(r.apart.z, b.z * r.local.z);
         let mean = (ox + oy + oz) / 3.0f32;
 
         // back to the world, by the rotation itself
-        let straight = r.w * r.w - r.ux * r.ux - r.uy * r.uy - r.uz * r.uz;
-        let ub = r.ux * bx + r.uy * by + r.uz * bz;
-        let vx = straight * bx + 2.0f32 * (ub * r.ux - r.w * (r.uy * bz - r.uz * by));
-        let vy = straight * by + 2.0f32 * (ub * r.uy - r.w * (r.uz * bx - r.ux * bz));
-        let vz = straight * bz + 2.0f32 * (ub * r.uz - r.w * (r.ux * by - r.uy * bx));
-        let radial = vx * r.dx + vy * r.dy + vz * r.dz;
+        let straight = r.w * r.w - r.u.x * r.u.x - r.u.y * r.u.y - r.u.z * r.u.z;
+        let (ub, across) = (dot(&r.u, &b), cross(&r.u, &b));
+        let vx = straight * b.x + 2.0f32 * (ub * r.u.x - r.w * across.x);
+        let vy = straight * b.y + 2.0f32 * (ub * r.u.y - r.w * across.y);
+        let vz = straight * b.z + 2.0f32 * (ub * r.u.z - r.w * across.z);
+        let radial = vx * r.direction.x + vy * r.direction.y + vz * r.direction.z;
 
         // gradient of the quaternion, whose vector part has the other sign; along itself it has none
-        let ud = r.ux * r.dx + r.uy * r.dy + r.uz * r.dz;
-        let db = r.dx * bx + r.dy * by + r.dz * bz;
-        let cx = r.dy * bz - r.dz * by;
-        let cy = r.dz * bx - r.dx * bz;
-        let cz = r.dx * by - r.dy * bx;
-        let gw = 2.0f32 * (r.w * db + r.ux * cx + r.uy * cy + r.uz * cz);
-        let gx = -2.0f32 * (r.dx * ub + bx * ud + r.w * cx - r.ux * db);
-        let gy = -2.0f32 * (r.dy * ub + by * ud + r.w * cy - r.uy * db);
-        let gz = -2.0f32 * (r.dz * ub + bz * ud + r.w * cz - r.uz * db);
-        let parallel = gw * r.w - gx * r.ux - gy * r.uy - gz * r.uz;
+        let (ud, db, c) = (dot(&r.u, &r.direction), dot(&r.direction, &b), cross(&r.direction, &b));
+        let gw = 2.0f32 * (r.w * db + r.u.x * c.x + r.u.y * c.y + r.u.z * c.z);
+        let gx = -2.0f32 * (r.direction.x * ub + b.x * ud + r.w * c.x - r.u.x * db);
+        let gy = -2.0f32 * (r.direction.y * ub + b.y * ud + r.w * c.y - r.u.y * db);
+        let gz = -2.0f32 * (r.direction.z * ub + b.z * ud + r.w * c.z - r.u.z * db);
+        let parallel = gw * r.w - gx * r.u.x - gy * r.u.y - gz * r.u.z;
 
-        of_means[3 * i] = select(silent, 0.0f32, (vx - radial * r.dx) * r.inverse_distance);
-        of_means[3 * i + 1] = select(silent, 0.0f32, (vy - radial * r.dy) * r.inverse_distance);
-        of_means[3 * i + 2] = select(silent, 0.0f32, (vz - radial * r.dz) * r.inverse_distance);
+        of_means[3 * i] = select(silent, 0.0f32, (vx - radial * r.direction.x) * r.inverse_distance);
+        of_means[3 * i + 1] = select(silent, 0.0f32, (vy - radial * r.direction.y) * r.inverse_distance);
+        of_means[3 * i + 2] = select(silent, 0.0f32, (vz - radial * r.direction.z) * r.inverse_distance);
         of_rotations[4 * i] = select(silent, 0.0f32, (gw - parallel * r.w) * r.inverse_length);
-        of_rotations[4 * i + 1] = select(silent, 0.0f32, (gx + parallel * r.ux) * r.inverse_length);
-        of_rotations[4 * i + 2] = select(silent, 0.0f32, (gy + parallel * r.uy) * r.inverse_length);
-        of_rotations[4 * i + 3] = select(silent, 0.0f32, (gz + parallel * r.uz) * r.inverse_length);
+        of_rotations[4 * i + 1] = select(silent, 0.0f32, (gx + parallel * r.u.x) * r.inverse_length);
+        of_rotations[4 * i + 2] = select(silent, 0.0f32, (gy + parallel * r.u.y) * r.inverse_length);
+        of_rotations[4 * i + 3] = select(silent, 0.0f32, (gz + parallel * r.u.z) * r.inverse_length);
         of_log_scales[3 * i] = select(silent, 0.0f32, mean - ox);
         of_log_scales[3 * i + 1] = select(silent, 0.0f32, mean - oy);
         of_log_scales[3 * i + 2] = select(silent, 0.0f32, mean - oz);

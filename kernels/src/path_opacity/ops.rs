@@ -1,12 +1,10 @@
 //! Opacities by path length as a differentiable op on tensors, for every backend.
 
 use super::MAX_EXPONENT;
-use super::cpu::{self, Gradients, Seen};
-use crate::backend::{CpuBackend, for_cpu_backends};
-use crate::tensors::{op_tensors, register};
-use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
-use burn::backend::autodiff::grads::Gradients as Grads;
-use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
+use super::cpu::{self, Seen};
+use crate::backend::CpuBackend;
+use crate::tensors::{like, op_tensors, recorded};
+use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, TensorMetadata, backend_extension};
 use burn::tensor::Tensor;
@@ -82,79 +80,33 @@ fn lent<B: CpuBackend, R>(inputs: &PathTensors<B>, eye: [f32; 3], exponent: f32,
     f(&Seen { means: &means, rotations: &rotations, log_scales: &log_scales, logits: &logits, eye, exponent })
 }
 
-fn cpu_backward<B: CpuBackend>(
-    inputs: &PathTensors<B>,
-    grad: &FloatTensor<B>,
-    eye: [f32; 3],
-    exponent: f32,
-) -> PathTensors<B> {
-    let grad = B::values(grad);
-    let Gradients { means, rotations, log_scales, logits } =
-        lent(inputs, eye, exponent, |seen| cpu::backward(seen, &grad));
-    let device = inputs.logits.device();
-    let like = |values: Vec<f32>, of: &FloatTensor<B>| B::tensor(values, of.shape(), &device);
-    PathTensors {
-        means: like(means, &inputs.means),
-        rotations: like(rotations, &inputs.rotations),
-        log_scales: like(log_scales, &inputs.log_scales),
-        logits: like(logits, &inputs.logits),
+impl<B: CpuBackend> PathOps for B {
+    fn path_forward(inputs: PathTensors<Self>, eye: [f32; 3], exponent: f32) -> FloatTensor<Self> {
+        let out = lent(&inputs, eye, exponent, cpu::forward);
+        B::tensor(out, inputs.logits.shape(), &inputs.logits.device())
     }
 }
 
-macro_rules! bind {
-    ($backend:ty) => {
-        impl PathOps for $backend {
-            fn path_forward(inputs: PathTensors<Self>, eye: [f32; 3], exponent: f32) -> FloatTensor<Self> {
-                let out = lent(&inputs, eye, exponent, cpu::forward);
-                Self::tensor(out, inputs.logits.shape(), &inputs.logits.device())
-            }
-        }
-
-        impl PathBackwardOps for $backend {
-            fn path_backward(
-                inputs: PathTensors<Self>,
-                grad: FloatTensor<Self>,
-                eye: [f32; 3],
-                exponent: f32,
-            ) -> PathTensors<Self> {
-                cpu_backward::<Self>(&inputs, &grad, eye, exponent)
-            }
-        }
-    };
-}
-
-for_cpu_backends!(bind);
-
-#[derive(Clone, Debug)]
-struct State<B: PathBackwardOps> {
-    inputs: PathTensors<B>,
-    eye: [f32; 3],
-    exponent: f32,
-}
-
-#[derive(Debug)]
-struct PathBackward;
-
-impl<B: PathBackwardOps> Backward<B, 4> for PathBackward {
-    type State = State<B>;
-
-    fn backward(self, ops: Ops<Self::State, 4>, grads: &mut Grads, _checkpointer: &mut Checkpointer) {
-        let grad = grads.consume::<B>(&ops.node);
-        let State { inputs, eye, exponent } = ops.state;
-        let out = B::path_backward(inputs, grad, eye, exponent);
-        register::<B, 4>(grads, ops.parents.map(|p| p.map(|node| node.id)), out.into_array());
+impl<B: CpuBackend> PathBackwardOps for B {
+    fn path_backward(
+        inputs: PathTensors<Self>,
+        grad: FloatTensor<Self>,
+        eye: [f32; 3],
+        exponent: f32,
+    ) -> PathTensors<Self> {
+        let grads = lent(&inputs, eye, exponent, |seen| cpu::backward(seen, &B::values(&grad)));
+        like::<B, _>(inputs.as_array(), grads).into()
     }
 }
 
 impl<B: PathOps + PathBackwardOps, C: CheckpointStrategy> PathOps for Autodiff<B, C> {
     fn path_forward(inputs: PathTensors<Self>, eye: [f32; 3], exponent: f32) -> FloatTensor<Self> {
         let (inputs, nodes) = inputs.into_parts();
-        match PathBackward.prepare::<C>(nodes).compute_bound().stateful() {
-            OpsKind::Tracked(prep) => {
-                let out = B::path_forward(inputs.clone(), eye, exponent);
-                prep.finish(State::<B> { inputs, eye, exponent }, out)
-            }
-            OpsKind::UnTracked(prep) => prep.finish(B::path_forward(inputs, eye, exponent)),
-        }
+        recorded::<B, C, _, _>(
+            nodes,
+            (inputs, eye, exponent),
+            |(inputs, eye, exponent)| B::path_forward(inputs, eye, exponent),
+            |(inputs, eye, exponent), grad| B::path_backward(inputs, grad, eye, exponent).into_array(),
+        )
     }
 }

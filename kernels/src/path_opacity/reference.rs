@@ -1,5 +1,7 @@
 //! The logit of one Gaussian in f64, step by step: the oracle of the tests.
 
+use crate::splat::reference::rotation_matrix;
+
 /// One Gaussian and the eye.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen {
@@ -24,13 +26,10 @@ pub fn logit(seen: &Seen) -> f64 {
     let d: [f64; 3] = std::array::from_fn(|i| mean[i] - eye[i]);
     let distance = d.iter().map(|v| v * v).sum::<f64>().sqrt();
     let length = rotation.iter().map(|v| v * v).sum::<f64>().sqrt();
-    let [w, x, y, z] = if length > 1e-12 { rotation.map(|v| v / length) } else { [1.0, 0.0, 0.0, 0.0] };
-    // columns of R, the axes of the Gaussian
-    let axes = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)],
-        [2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x)],
-        [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ];
+    let unit = if length > 1e-12 { rotation.map(|v| v / length) } else { [1.0, 0.0, 0.0, 0.0] };
+    let rows = rotation_matrix(unit);
+    // the axes of the Gaussian
+    let axes = [0, 1, 2].map(|column| rows.map(|row| row[column]));
     let middle = log_scales.iter().sum::<f64>() / 3.0;
     let square: f64 = (axes.iter().zip(log_scales))
         .map(|(axis, s)| {

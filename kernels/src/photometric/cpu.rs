@@ -28,19 +28,14 @@ pub fn photometric(image: &[f32], target: &[f32], kind: Distance, alpha: f32, gr
     let pixels = image.len() as f64 / 4.0;
     let weights = [1.0 / (3.0 * pixels), 1.0 / (3.0 * pixels), 1.0 / (3.0 * pixels), f64::from(alpha) / pixels];
     let slopes: [f32; LANES] = std::array::from_fn(|i| weights[i % 4] as f32);
-    let arch = crate::arch();
     let sums: Vec<[[f64; 4]; 2]> = grad
         .par_chunks_mut(PIECE)
         .zip(image.par_chunks(PIECE).zip(target.par_chunks(PIECE)))
         .map(|(grad, (image, target))| {
-            wide(
-                arch,
-                #[inline(always)]
-                || match kind {
-                    Distance::Absolute => piece::<true>(image, target, &slopes, grad),
-                    Distance::Squared => piece::<false>(image, target, &slopes, grad),
-                },
-            )
+            wide!(match kind {
+                Distance::Absolute => piece::<true>(image, target, &slopes, grad),
+                Distance::Squared => piece::<false>(image, target, &slopes, grad),
+            })
         })
         .collect();
     let (mut value, mut squared) = (0.0, 0.0);

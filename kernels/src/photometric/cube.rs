@@ -3,12 +3,10 @@
 use super::Distance;
 use super::ops::{PhotometricForward, PhotometricOps};
 use super::target::TargetOps;
+use crate::cube::prelude::*;
 use crate::cube::reduce::{over_cube, total};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, rows};
-use burn::backend::tensor::{FloatTensor, IntTensor};
-use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
+use burn::backend::tensor::IntTensor;
 use burn_cubecl::kernel::into_contiguous;
 
 /// Values per unit.

@@ -1,11 +1,10 @@
 //! The distance as a differentiable op on tensors. The forward pass computes the gradient too, in the same sweep.
 
 use super::{Distance, photometric};
-use crate::backend::{CpuBackend, for_cpu_backends, zeros};
-use crate::scale::ScaleOps;
-use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
-use burn::backend::autodiff::grads::Gradients;
-use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
+use crate::backend::{CpuBackend, zeros};
+use crate::scale::{ScaleOps, scaled};
+use crate::tensors::recorded;
+use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, AutodiffBackend, Backend, Dispatch, ExtensionType, TensorMetadata, backend_extension};
 use burn::tensor::Tensor;
@@ -56,48 +55,20 @@ pub fn photometric_loss(image: Tensor<3>, target: Tensor<3>, kind: Distance, alp
     Photometric { loss: Tensor::from_dispatch(out.value), squared: Tensor::from_dispatch(out.squared) }
 }
 
-fn cpu_forward<B: CpuBackend>(
-    image: &FloatTensor<B>,
-    target: &FloatTensor<B>,
-    kind: Distance,
-    alpha: f32,
-) -> PhotometricForward<B> {
-    let device = image.device();
-    let (a, b) = (B::values(image), B::values(target));
-    let mut grad = zeros(a.len());
-    let (value, squared) = photometric(&a, &b, kind, alpha, &mut grad);
-    let scalar = |v: f64| B::tensor(vec![v as f32], [1], &device);
-    PhotometricForward { value: scalar(value), squared: scalar(squared), grad: B::tensor(grad, image.shape(), &device) }
-}
-
-macro_rules! bind {
-    ($backend:ty) => {
-        impl PhotometricOps for $backend {
-            fn photometric_forward(
-                image: FloatTensor<Self>,
-                target: FloatTensor<Self>,
-                kind: Distance,
-                alpha: f32,
-            ) -> PhotometricForward<Self> {
-                cpu_forward::<Self>(&image, &target, kind, alpha)
-            }
-        }
-    };
-}
-
-for_cpu_backends!(bind);
-
-#[derive(Debug)]
-struct PhotometricBackward;
-
-impl<B: PhotometricOps + ScaleOps> Backward<B, 1> for PhotometricBackward {
-    type State = FloatTensor<B>;
-
-    fn backward(self, ops: Ops<Self::State, 1>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
-        let upstream = grads.consume::<B>(&ops.node);
-        if let [Some(node)] = ops.parents {
-            grads.register::<B>(node.id, B::scaled(ops.state, upstream));
-        }
+impl<B: CpuBackend> PhotometricOps for B {
+    fn photometric_forward(
+        image: FloatTensor<Self>,
+        target: FloatTensor<Self>,
+        kind: Distance,
+        alpha: f32,
+    ) -> PhotometricForward<Self> {
+        let device = image.device();
+        let values = B::values(&image);
+        let mut grad = zeros(values.len());
+        let (value, squared) = photometric(&values, &B::values(&target), kind, alpha, &mut grad);
+        let scalar = |v: f64| B::tensor(vec![v as f32], [1], &device);
+        let grad = B::tensor(grad, image.shape(), &device);
+        PhotometricForward { value: scalar(value), squared: scalar(squared), grad }
     }
 }
 
@@ -113,10 +84,7 @@ impl<B: PhotometricOps + ScaleOps, C: CheckpointStrategy> PhotometricOps for Aut
         let out = B::photometric_forward(image, target, kind, alpha);
         let plain = <Self as AutodiffBackend>::from_inner;
         let (squared, grad) = (plain(out.squared), plain(out.grad.clone()));
-        let value = match PhotometricBackward.prepare::<C>([node]).compute_bound().stateful() {
-            OpsKind::Tracked(prep) => prep.finish(out.grad, out.value),
-            OpsKind::UnTracked(prep) => prep.finish(out.value),
-        };
+        let value = recorded::<B, C, _, _>([node], [out.grad], |_| out.value, scaled::<B, _>);
         PhotometricForward { value, squared, grad }
     }
 }

@@ -28,21 +28,6 @@ pub struct Lit<'a> {
     pub eye: Vec3,
 }
 
-/// One array for each input that has a gradient, in the shape of the input.
-#[derive(Clone, Debug)]
-pub struct Gradients {
-    /// `[N, 3]`
-    pub means: Vec<f32>,
-    /// `[N, 4]`
-    pub rotations: Vec<f32>,
-    /// `[N, K, 3]`
-    pub sh: Vec<f32>,
-    /// `[N, 3]`
-    pub normals: Vec<f32>,
-    /// `[3]`
-    pub material: Vec<f32>,
-}
-
 /// The shading of one Gaussian, with the values that its gradient needs.
 struct Seen {
     w: f32,
@@ -128,26 +113,23 @@ pub fn forward(lit: &Lit<'_>) -> Vec<f32> {
     out
 }
 
-/// Returns the gradients of a loss whose gradient with respect to the result of [`forward`] is `grad` `[N, K, 3]`.
+/// Returns the gradients of a loss whose gradient with respect to the result of [`forward`] is `grad` `[N, K, 3]`: those
+/// with respect to means `[N, 3]`, rotations `[N, 4]`, coefficients `[N, K, 3]`, normals `[N, 3]` and the material `[3]`.
 #[must_use]
-pub fn backward(lit: &Lit<'_>, grad: &[f32]) -> Gradients {
+pub fn backward(lit: &Lit<'_>, grad: &[f32]) -> [Vec<f32>; 5] {
     let n = lit.means.len() / 3;
     let width = lit.sh.len() / n.max(1);
     let material = Material::from_trained(lit.material);
-    let mut out = Gradients {
-        means: vec![0.0; 3 * n],
-        rotations: vec![0.0; 4 * n],
-        sh: grad.to_vec(),
-        normals: vec![0.0; 3 * n],
-        material: vec![0.0; MATERIAL],
-    };
+    let zeros = |count: usize| vec![0.0; count];
+    let mut out = [zeros(3 * n), zeros(4 * n), grad.to_vec(), zeros(3 * n), zeros(MATERIAL)];
     if width == 0 {
         return out;
     }
-    let pieces = (out.means.par_chunks_mut(3 * PIECE))
-        .zip(out.rotations.par_chunks_mut(4 * PIECE))
-        .zip(out.sh.par_chunks_mut(width * PIECE))
-        .zip(out.normals.par_chunks_mut(3 * PIECE));
+    let [means, rotations, sh, normals, of_material] = &mut out;
+    let pieces = (means.par_chunks_mut(3 * PIECE))
+        .zip(rotations.par_chunks_mut(4 * PIECE))
+        .zip(sh.par_chunks_mut(width * PIECE))
+        .zip(normals.par_chunks_mut(3 * PIECE));
     let sums: Vec<[f64; MATERIAL]> = pieces
         .enumerate()
         .map(|(piece, (((means, rotations), sh), normals))| {
@@ -165,7 +147,7 @@ pub fn backward(lit: &Lit<'_>, grad: &[f32]) -> Gradients {
             sum
         })
         .collect();
-    for (c, value) in out.material.iter_mut().enumerate() {
+    for (c, value) in of_material.iter_mut().enumerate() {
         *value = sums.iter().map(|sum| sum[c]).sum::<f64>() as f32;
     }
     out

@@ -1,12 +1,10 @@
 //! Shading as a differentiable op of the backends in host memory.
 
-use super::cpu::{self, Gradients, Lit};
+use super::cpu::{self, Lit};
 use super::{Light, Shading};
-use crate::backend::{CpuBackend, for_cpu_backends};
-use crate::tensors::{op_tensors, register};
-use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
-use burn::backend::autodiff::grads::Gradients as Grads;
-use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
+use crate::backend::CpuBackend;
+use crate::tensors::{like, op_tensors, recorded};
+use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, TensorMetadata, backend_extension};
 use burn::tensor::Tensor;
@@ -79,84 +77,32 @@ fn lent<B: CpuBackend, R>(inputs: &ShadeTensors<B>, light: Light, eye: [f32; 3],
     f(&lit)
 }
 
-fn cpu_forward<B: CpuBackend>(inputs: &ShadeTensors<B>, light: Light, eye: [f32; 3]) -> FloatTensor<B> {
-    let (shape, device) = (inputs.sh.shape(), inputs.sh.device());
-    B::tensor(lent(inputs, light, eye, cpu::forward), shape, &device)
-}
-
-fn cpu_backward<B: CpuBackend>(
-    inputs: &ShadeTensors<B>,
-    grad: &FloatTensor<B>,
-    light: Light,
-    eye: [f32; 3],
-) -> ShadeTensors<B> {
-    let grad = B::values(grad);
-    let Gradients { means, rotations, sh, normals, material } =
-        lent(inputs, light, eye, |lit| cpu::backward(lit, &grad));
-    let device = inputs.sh.device();
-    let like = |values: Vec<f32>, of: &FloatTensor<B>| B::tensor(values, of.shape(), &device);
-    ShadeTensors {
-        means: like(means, &inputs.means),
-        rotations: like(rotations, &inputs.rotations),
-        sh: like(sh, &inputs.sh),
-        normals: like(normals, &inputs.normals),
-        material: like(material, &inputs.material),
+impl<B: CpuBackend> ShadeOps for B {
+    fn shade(inputs: ShadeTensors<Self>, light: Light, eye: [f32; 3]) -> FloatTensor<Self> {
+        B::tensor(lent(&inputs, light, eye, cpu::forward), inputs.sh.shape(), &inputs.sh.device())
     }
 }
 
-macro_rules! bind {
-    ($backend:ty) => {
-        impl ShadeOps for $backend {
-            fn shade(inputs: ShadeTensors<Self>, light: Light, eye: [f32; 3]) -> FloatTensor<Self> {
-                cpu_forward::<Self>(&inputs, light, eye)
-            }
-        }
-
-        impl ShadeBackwardOps for $backend {
-            fn shade_backward(
-                inputs: ShadeTensors<Self>,
-                grad: FloatTensor<Self>,
-                light: Light,
-                eye: [f32; 3],
-            ) -> ShadeTensors<Self> {
-                cpu_backward::<Self>(&inputs, &grad, light, eye)
-            }
-        }
-    };
-}
-
-for_cpu_backends!(bind);
-
-#[derive(Clone, Debug)]
-struct State<B: ShadeBackwardOps> {
-    inputs: ShadeTensors<B>,
-    light: Light,
-    eye: [f32; 3],
-}
-
-#[derive(Debug)]
-struct ShadeBackward;
-
-impl<B: ShadeBackwardOps> Backward<B, 5> for ShadeBackward {
-    type State = State<B>;
-
-    fn backward(self, ops: Ops<Self::State, 5>, grads: &mut Grads, _checkpointer: &mut Checkpointer) {
-        let grad = grads.consume::<B>(&ops.node);
-        let State { inputs, light, eye } = ops.state;
-        let out = B::shade_backward(inputs, grad, light, eye);
-        register::<B, 5>(grads, ops.parents.map(|p| p.map(|node| node.id)), out.into_array());
+impl<B: CpuBackend> ShadeBackwardOps for B {
+    fn shade_backward(
+        inputs: ShadeTensors<Self>,
+        grad: FloatTensor<Self>,
+        light: Light,
+        eye: [f32; 3],
+    ) -> ShadeTensors<Self> {
+        let grads = lent(&inputs, light, eye, |lit| cpu::backward(lit, &B::values(&grad)));
+        like::<B, _>(inputs.as_array(), grads).into()
     }
 }
 
 impl<B: ShadeOps + ShadeBackwardOps, C: CheckpointStrategy> ShadeOps for Autodiff<B, C> {
     fn shade(inputs: ShadeTensors<Self>, light: Light, eye: [f32; 3]) -> FloatTensor<Self> {
         let (inputs, nodes) = inputs.into_parts();
-        match ShadeBackward.prepare::<C>(nodes).compute_bound().stateful() {
-            OpsKind::Tracked(prep) => {
-                let out = B::shade(inputs.clone(), light, eye);
-                prep.finish(State::<B> { inputs, light, eye }, out)
-            }
-            OpsKind::UnTracked(prep) => prep.finish(B::shade(inputs, light, eye)),
-        }
+        recorded::<B, C, _, _>(
+            nodes,
+            (inputs, light, eye),
+            |(inputs, light, eye)| B::shade(inputs, light, eye),
+            |(inputs, light, eye), grad| B::shade_backward(inputs, grad, light, eye).into_array(),
+        )
     }
 }

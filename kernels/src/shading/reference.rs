@@ -1,6 +1,7 @@
 //! The shaded colour of one Gaussian in f64, step by step: the oracle of the tests.
 
 use super::Light;
+use crate::splat::reference::rotation_matrix;
 
 /// One Gaussian and its lighting.
 #[derive(Clone, Copy, Debug)]
@@ -52,11 +53,5 @@ fn unit(v: [f64; 3]) -> [f64; 3] {
 /// Rotates `v` by the rotation matrix of `q`.
 fn rotate(q: [f64; 4], v: [f64; 3]) -> [f64; 3] {
     let length = q.iter().map(|c| c * c).sum::<f64>().sqrt();
-    let [w, x, y, z] = q.map(|c| c / length);
-    let matrix = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ];
-    matrix.map(|row| dot(row, v))
+    rotation_matrix(q.map(|c| c / length)).map(|row| dot(row, v))
 }

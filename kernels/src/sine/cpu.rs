@@ -1,7 +1,7 @@
 //! Sines of rows over f32 slices, and their gradients. Work is split by the size of the input alone, and every value is
 //! computed by the same few operations, none of them fused, so the bits depend on neither threads nor processors.
 
-use pulp::{Simd, WithSimd};
+use crate::splat::cpu::lanes::wide;
 use rayon::prelude::*;
 
 /// Approximate number of values per task.
@@ -50,36 +50,21 @@ pub fn forward(x: &[f32], bias: &[f32], omega: f32, out: &mut [f32]) {
     let task = rows(bias.len()) * bias.len();
     out.par_chunks_mut(task).zip(x.par_chunks(task)).for_each(|(out, x)| {
         if is_small(x, bias, omega) {
-            crate::arch().dispatch(Sines { x, bias, omega, out });
+            wide!(sines(x, bias, omega, out, |v| shifted_sine(v, 0.0)));
         } else {
-            for (out, x) in out.chunks_exact_mut(bias.len()).zip(x.chunks_exact(bias.len())) {
-                for ((out, x), b) in out.iter_mut().zip(x).zip(bias) {
-                    *out = (omega * (x + b)).sin();
-                }
-            }
+            sines(x, bias, omega, out, f32::sin);
         }
     });
 }
 
-struct Sines<'a> {
-    x: &'a [f32],
-    bias: &'a [f32],
-    omega: f32,
-    out: &'a mut [f32],
-}
-
-impl WithSimd for Sines<'_> {
-    type Output = ();
-
-    // plain loops, which the compiler turns into the vector instructions of `S`
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let width = self.bias.len();
-        for (out, x) in self.out.chunks_exact_mut(width).zip(self.x.chunks_exact(width)) {
-            let (x, bias) = (&x[..out.len()], &self.bias[..out.len()]);
-            for i in 0..out.len() {
-                out[i] = shifted_sine(self.omega * (x[i] + bias[i]), 0.0);
-            }
+/// Plain loops, which the compiler turns into vector instructions if `sine` has no calls.
+#[inline(always)]
+fn sines(x: &[f32], bias: &[f32], omega: f32, out: &mut [f32], sine: impl Fn(f32) -> f32) {
+    let width = bias.len();
+    for (out, x) in out.chunks_exact_mut(width).zip(x.chunks_exact(width)) {
+        let (x, bias) = (&x[..out.len()], &bias[..out.len()]);
+        for i in 0..out.len() {
+            out[i] = sine(omega * (x[i] + bias[i]));
         }
     }
 }
@@ -102,15 +87,9 @@ pub fn backward(x: &[f32], bias: &[f32], omega: f32, grad: &[f32], grad_x: &mut 
         .map(|((grad_x, x), grad)| {
             let mut sums = vec![0.0; width];
             if is_small(x, bias, omega) {
-                crate::arch().dispatch(Slopes { x, bias, omega, grad, grad_x, sums: &mut sums });
+                wide!(slopes((x, bias, omega), grad, grad_x, &mut sums, |v| shifted_sine(v, 0.5)));
             } else {
-                let rows = x.chunks_exact(width).zip(grad.chunks_exact(width)).zip(grad_x.chunks_exact_mut(width));
-                for ((x, grad), grad_x) in rows {
-                    for i in 0..width {
-                        grad_x[i] = grad[i] * (omega * (omega * (x[i] + bias[i])).cos());
-                        sums[i] += grad_x[i];
-                    }
-                }
+                slopes((x, bias, omega), grad, grad_x, &mut sums, f32::cos);
             }
             sums
         })
@@ -121,30 +100,23 @@ pub fn backward(x: &[f32], bias: &[f32], omega: f32, grad: &[f32], grad_x: &mut 
     }
 }
 
-struct Slopes<'a> {
-    x: &'a [f32],
-    bias: &'a [f32],
-    omega: f32,
-    grad: &'a [f32],
-    grad_x: &'a mut [f32],
-    sums: &'a mut [f32],
-}
-
-impl WithSimd for Slopes<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let width = self.bias.len();
-        let rows = self.x.chunks_exact(width).zip(self.grad.chunks_exact(width));
-        for ((x, grad), grad_x) in rows.zip(self.grad_x.chunks_exact_mut(width)) {
-            let n = grad_x.len();
-            let (x, grad, bias, sums) = (&x[..n], &grad[..n], &self.bias[..n], &mut self.sums[..n]);
-            for i in 0..n {
-                let cosine = shifted_sine(self.omega * (x[i] + bias[i]), 0.5);
-                grad_x[i] = grad[i] * (self.omega * cosine);
-                sums[i] += grad_x[i];
-            }
+/// As [`sines`]; adds the gradients of the biases to `sums`.
+#[inline(always)]
+fn slopes(
+    (x, bias, omega): (&[f32], &[f32], f32),
+    grad: &[f32],
+    grad_x: &mut [f32],
+    sums: &mut [f32],
+    cosine: impl Fn(f32) -> f32,
+) {
+    let width = bias.len();
+    let rows = x.chunks_exact(width).zip(grad.chunks_exact(width));
+    for ((x, grad), grad_x) in rows.zip(grad_x.chunks_exact_mut(width)) {
+        let n = grad_x.len();
+        let (x, grad, bias, sums) = (&x[..n], &grad[..n], &bias[..n], &mut sums[..n]);
+        for i in 0..n {
+            grad_x[i] = grad[i] * (omega * cosine(omega * (x[i] + bias[i])));
+            sums[i] += grad_x[i];
         }
     }
 }

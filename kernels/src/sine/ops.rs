@@ -1,11 +1,9 @@
 //! Sines as a differentiable op on tensors, for every backend.
 
 use super::cpu::{backward, forward};
-use crate::backend::{CpuBackend, for_cpu_backends};
-use crate::tensors::{op_tensors, register};
-use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
-use burn::backend::autodiff::grads::Gradients;
-use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
+use crate::backend::CpuBackend;
+use crate::tensors::{like, op_tensors, recorded};
+use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, TensorMetadata, backend_extension};
 use burn::tensor::Tensor;
@@ -44,41 +42,23 @@ pub fn sine(x: Tensor<2>, bias: Tensor<1>, omega: f32) -> Tensor<2> {
     Tensor::from_dispatch(Dispatch::sine_forward(inputs, omega))
 }
 
-fn cpu_forward<B: CpuBackend>(inputs: &SineTensors<B>, omega: f32) -> FloatTensor<B> {
-    let [x, bias] = inputs.as_array().map(B::values);
-    let mut out = vec![0.0; x.len()];
-    forward(&x, &bias, omega, &mut out);
-    B::tensor(out, inputs.x.shape(), &inputs.x.device())
-}
-
-fn cpu_backward<B: CpuBackend>(inputs: &SineTensors<B>, grad: &FloatTensor<B>, omega: f32) -> SineTensors<B> {
-    let device = inputs.x.device();
-    let [x, bias] = inputs.as_array().map(B::values);
-    let (mut of_x, mut of_bias) = (vec![0.0; x.len()], vec![0.0; bias.len()]);
-    backward(&x, &bias, omega, &B::values(grad), &mut of_x, &mut of_bias);
-    SineTensors {
-        x: B::tensor(of_x, inputs.x.shape(), &device),
-        bias: B::tensor(of_bias, inputs.bias.shape(), &device),
+impl<B: CpuBackend> SineOps for B {
+    fn sine_forward(inputs: SineTensors<Self>, omega: f32) -> FloatTensor<Self> {
+        let [x, bias] = inputs.as_array().map(B::values);
+        let mut out = vec![0.0; x.len()];
+        forward(&x, &bias, omega, &mut out);
+        B::tensor(out, inputs.x.shape(), &inputs.x.device())
     }
 }
 
-macro_rules! bind {
-    ($backend:ty) => {
-        impl SineOps for $backend {
-            fn sine_forward(inputs: SineTensors<Self>, omega: f32) -> FloatTensor<Self> {
-                cpu_forward::<Self>(&inputs, omega)
-            }
-        }
-
-        impl SineBackwardOps for $backend {
-            fn sine_backward(inputs: SineTensors<Self>, grad: FloatTensor<Self>, omega: f32) -> SineTensors<Self> {
-                cpu_backward::<Self>(&inputs, &grad, omega)
-            }
-        }
-    };
+impl<B: CpuBackend> SineBackwardOps for B {
+    fn sine_backward(inputs: SineTensors<Self>, grad: FloatTensor<Self>, omega: f32) -> SineTensors<Self> {
+        let [x, bias] = inputs.as_array().map(B::values);
+        let (mut of_x, mut of_bias) = (vec![0.0; x.len()], vec![0.0; bias.len()]);
+        backward(&x, &bias, omega, &B::values(&grad), &mut of_x, &mut of_bias);
+        like::<B, _>(inputs.as_array(), [of_x, of_bias]).into()
+    }
 }
-
-for_cpu_backends!(bind);
 
 /// The GPU implementation, by operations of the backend: passes over memory are cheap there compared with the matrix
 /// products around them.
@@ -112,33 +92,14 @@ mod cube {
     }
 }
 
-#[derive(Clone, Debug)]
-struct State<B: SineBackwardOps> {
-    inputs: SineTensors<B>,
-    omega: f32,
-}
-
-#[derive(Debug)]
-struct SineBackward;
-
-impl<B: SineBackwardOps> Backward<B, 2> for SineBackward {
-    type State = State<B>;
-
-    fn backward(self, ops: Ops<Self::State, 2>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
-        let grad = grads.consume::<B>(&ops.node);
-        let State { inputs, omega } = ops.state;
-        let out = B::sine_backward(inputs, grad, omega);
-        register::<B, 2>(grads, ops.parents.map(|p| p.map(|node| node.id)), out.into_array());
-    }
-}
-
 impl<B: SineOps + SineBackwardOps, C: CheckpointStrategy> SineOps for Autodiff<B, C> {
     fn sine_forward(inputs: SineTensors<Self>, omega: f32) -> FloatTensor<Self> {
         let (inputs, nodes) = inputs.into_parts();
-        let out = B::sine_forward(inputs.clone(), omega);
-        match SineBackward.prepare::<C>(nodes).compute_bound().stateful() {
-            OpsKind::Tracked(prep) => prep.finish(State { inputs, omega }, out),
-            OpsKind::UnTracked(prep) => prep.finish(out),
-        }
+        recorded::<B, C, _, _>(
+            nodes,
+            (inputs, omega),
+            |(inputs, omega)| B::sine_forward(inputs, omega),
+            |(inputs, omega), grad| B::sine_backward(inputs, grad, omega).into_array(),
+        )
     }
 }

@@ -1,32 +1,10 @@
 //! Gradient registration for [`super::splat`] and [`super::splat_covariances`], which differ in the number of inputs.
 
 use super::{CovarianceTensors, SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
-use crate::tensors::register;
+use crate::tensors::Pullback;
 use burn::backend::Autodiff;
-use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
-use burn::backend::autodiff::grads::Gradients;
-use burn::backend::autodiff::ops::{Backward, NodeGuard, Ops, OpsKind};
-
-#[derive(Clone, Debug)]
-struct State<B: SplatBackwardOps> {
-    inputs: SplatTensors<B>,
-    settings: SplatSettings,
-    saved: SplatSaved,
-}
-
-#[derive(Debug)]
-struct SplatBackward;
-
-impl<B: SplatBackwardOps, const N: usize> Backward<B, N> for SplatBackward {
-    type State = State<B>;
-
-    fn backward(self, ops: Ops<Self::State, N>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
-        let grad_image = grads.consume::<B>(&ops.node);
-        let State { inputs, settings, saved } = ops.state;
-        let out = B::splat_backward(inputs, grad_image, settings, saved);
-        register::<B, N>(grads, ops.parents.map(|p| p.map(|node| node.id)), out.into_vec());
-    }
-}
+use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
+use burn::backend::autodiff::ops::{Backward, NodeGuard, OpsKind};
 
 impl<B: SplatOps + SplatBackwardOps, C: CheckpointStrategy> SplatOps for Autodiff<B, C> {
     fn splat_forward(inputs: SplatTensors<Self>, settings: SplatSettings, _: bool) -> SplatForward<Self> {
@@ -58,11 +36,15 @@ fn recorded<B: SplatOps + SplatBackwardOps, C: CheckpointStrategy, const N: usiz
     nodes: [NodeGuard; N],
     settings: SplatSettings,
 ) -> SplatForward<Autodiff<B, C>> {
-    match SplatBackward.prepare::<C>(nodes).compute_bound().stateful() {
+    let backward = |(inputs, settings, saved): (SplatTensors<B>, SplatSettings, SplatSaved), grad| {
+        let mut grads = B::splat_backward(inputs, grad, settings, saved).into_vec().into_iter();
+        std::array::from_fn(|_| grads.next().expect("one gradient for each input"))
+    };
+    match Pullback::<B, _, N>(backward).prepare::<C>(nodes).compute_bound().stateful() {
         OpsKind::Tracked(prep) => {
             let out = B::splat_forward(inputs.clone(), settings, true);
-            let state = State::<B> { inputs, settings, saved: out.saved.clone() };
-            SplatForward { image: prep.finish(state, out.image), radii: out.radii, saved: out.saved }
+            let kept = (inputs, settings, out.saved.clone());
+            SplatForward { image: prep.finish(kept, out.image), radii: out.radii, saved: out.saved }
         }
         OpsKind::UnTracked(prep) => {
             let out = B::splat_forward(inputs, settings, false);

@@ -4,7 +4,7 @@
 
 use super::{C1, C2, RADIUS, TAPS, window};
 use crate::backend::zeros;
-use pulp::{Simd, WithSimd};
+use crate::splat::cpu::lanes::wide;
 use rayon::prelude::*;
 
 /// Image rows per task.
@@ -28,20 +28,8 @@ pub fn ssim(a: &[f32], b: &[f32], h: usize, w: usize) -> f64 {
         return 1.0;
     }
     let taps = window().map(|tap| tap as f32);
-    let sums: Vec<f64> = (0..h.div_ceil(BAND))
-        .into_par_iter()
-        .map(|band| {
-            crate::arch().dispatch(Stats::<false> {
-                a,
-                b,
-                row: w * RGB,
-                first: band * BAND,
-                last: ((band + 1) * BAND).min(h),
-                taps,
-                slopes: [&mut [], &mut [], &mut []],
-            })
-        })
-        .collect();
+    let bands = (0..h.div_ceil(BAND)).into_par_iter();
+    let sums: Vec<f64> = bands.map(|band| compare_band::<false>((a, b), w, &taps, band, Default::default())).collect();
     sums.iter().sum::<f64>() / a.len() as f64
 }
 
@@ -64,31 +52,14 @@ pub fn ssim_grad(a: &[f32], b: &[f32], h: usize, w: usize, scale: f32, grad_a: &
         .zip(square.par_chunks_mut(BAND * row))
         .zip(product.par_chunks_mut(BAND * row))
         .enumerate()
-        .map(|(band, ((mean, square), product))| {
-            crate::arch().dispatch(Stats::<true> {
-                a,
-                b,
-                row,
-                first: band * BAND,
-                last: ((band + 1) * BAND).min(h),
-                taps,
-                slopes: [mean, square, product],
-            })
-        })
+        .map(|(band, ((mean, square), product))| compare_band::<true>((a, b), w, &taps, band, [mean, square, product]))
         .collect();
     let [mean, square, product] = &slopes;
     let factor = scale / a.len() as f32;
     grad_a.par_chunks_mut(BAND * row).enumerate().for_each(|(band, grad)| {
-        crate::arch().dispatch(Adjoint {
-            a,
-            b,
-            row,
-            first: band * BAND,
-            taps,
-            slopes: [mean, square, product],
-            factor,
-            grad,
-        });
+        let first = band * BAND;
+        let adjoint = Adjoint { a, b, row, first, taps: &taps, slopes: [mean, square, product], factor, grad };
+        wide!(adjoint.run());
     });
     sums.iter().sum::<f64>() / a.len() as f64
 }
@@ -142,23 +113,34 @@ macro_rules! blocks {
     };
 }
 
-/// Sums SSIM over image rows `first..last`; with `SLOPES` also stores, for those rows, its derivatives with respect to
-/// the windowed means of a, a * a and a * b.
+/// Sums SSIM over a band of image rows; with `SLOPES` also stores, for those rows, its derivatives with respect to the
+/// windowed means of a, a * a and a * b.
+fn compare_band<const SLOPES: bool>(
+    (a, b): (&[f32], &[f32]),
+    w: usize,
+    taps: &[f32; TAPS],
+    band: usize,
+    slopes: [&mut [f32]; 3],
+) -> f64 {
+    let (row, first) = (w * RGB, band * BAND);
+    let stats = Stats::<SLOPES> { a, b, row, first, last: (first + BAND).min(a.len() / row), taps, slopes };
+    wide!(stats.run())
+}
+
+/// Image rows `first..last`.
 struct Stats<'a, const SLOPES: bool> {
     a: &'a [f32],
     b: &'a [f32],
     row: usize,
     first: usize,
     last: usize,
-    taps: [f32; TAPS],
+    taps: &'a [f32; TAPS],
     slopes: [&'a mut [f32]; 3],
 }
 
-impl<const SLOPES: bool> WithSimd for Stats<'_, SLOPES> {
-    type Output = f64;
-
+impl<const SLOPES: bool> Stats<'_, SLOPES> {
     #[inline(always)]
-    fn with_simd<S: Simd>(mut self, _: S) -> f64 {
+    fn run(mut self) -> f64 {
         let row = self.row;
         let mut columns = [(); 5].map(|()| vec![0.0f32; row + 2 * PAD]);
         let mut sum = 0.0;
@@ -169,9 +151,7 @@ impl<const SLOPES: bool> WithSimd for Stats<'_, SLOPES> {
         }
         sum
     }
-}
 
-impl<const SLOPES: bool> Stats<'_, SLOPES> {
     #[inline(always)]
     fn filter_columns<const L: usize>(&self, y: usize, i: usize, columns: &mut [Vec<f32>; 5]) {
         let mut sums = [[0.0f32; L]; 5];
@@ -198,7 +178,7 @@ impl<const SLOPES: bool> Stats<'_, SLOPES> {
         let (c1, c2) = (C1 as f32, C2 as f32);
         let mut stats = [[0.0f32; L]; 5];
         for (stat, column) in stats.iter_mut().zip(columns) {
-            *stat = along_row(column, &self.taps, i);
+            *stat = along_row(column, self.taps, i);
         }
         let mut total = [0.0f32; L];
         let mut slopes = [[0.0f32; L]; 3];
@@ -234,17 +214,15 @@ struct Adjoint<'a> {
     b: &'a [f32],
     row: usize,
     first: usize,
-    taps: [f32; TAPS],
+    taps: &'a [f32; TAPS],
     slopes: [&'a [f32]; 3],
     factor: f32,
     grad: &'a mut [f32],
 }
 
-impl WithSimd for Adjoint<'_> {
-    type Output = ();
-
+impl Adjoint<'_> {
     #[inline(always)]
-    fn with_simd<S: Simd>(mut self, _: S) {
+    fn run(mut self) {
         let row = self.row;
         let mut columns = [(); 3].map(|()| vec![0.0f32; row + 2 * PAD]);
         for line in 0..self.grad.len() / row {
@@ -252,9 +230,7 @@ impl WithSimd for Adjoint<'_> {
             blocks!(row, |i, L| self.add_gradient::<L>(&columns, i, line));
         }
     }
-}
 
-impl Adjoint<'_> {
     #[inline(always)]
     fn filter_columns<const L: usize>(&self, line: usize, i: usize, columns: &mut [Vec<f32>; 3]) {
         let mut sums = [[0.0f32; L]; 3];
@@ -274,9 +250,9 @@ impl Adjoint<'_> {
 
     #[inline(always)]
     fn add_gradient<const L: usize>(&mut self, columns: &[Vec<f32>; 3], i: usize, line: usize) {
-        let mean = along_row::<L>(&columns[0], &self.taps, i);
-        let square = along_row::<L>(&columns[1], &self.taps, i);
-        let product = along_row::<L>(&columns[2], &self.taps, i);
+        let mean = along_row::<L>(&columns[0], self.taps, i);
+        let square = along_row::<L>(&columns[1], self.taps, i);
+        let product = along_row::<L>(&columns[2], self.taps, i);
         let at = (self.first + line) * self.row + i;
         let (a, b) = (load::<L>(self.a, at), load::<L>(self.b, at));
         let grad = &mut self.grad[line * self.row + i..][..L];

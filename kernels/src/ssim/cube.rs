@@ -2,12 +2,9 @@
 
 use super::ops::{SsimForward, SsimOps};
 use super::{C1, C2, RADIUS, TAPS, window};
+use crate::cube::prelude::*;
 use crate::cube::reduce::{over_cube, total};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, launched, rows};
-use burn::backend::tensor::FloatTensor;
-use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
 
 /// Filters a, b, a^2, b^2 and ab along the rows: `out` `[5, H * W * 3]`.
 #[cube(launch)]

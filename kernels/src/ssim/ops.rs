@@ -1,13 +1,13 @@
 //! SSIM as a differentiable op on tensors. The forward pass computes the gradient too, in the same sweep.
 
 use super::{ssim, ssim_grad};
-use crate::backend::{CpuBackend, for_cpu_backends, zeros};
-use crate::scale::ScaleOps;
-use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
-use burn::backend::autodiff::grads::Gradients;
-use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
+use crate::backend::{CpuBackend, zeros};
+use crate::scale::{ScaleOps, scaled};
+use crate::tensors::Pullback;
+use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
+use burn::backend::autodiff::ops::{Backward, OpsKind};
 use burn::backend::tensor::FloatTensor;
-use burn::backend::{Autodiff, Backend, Dispatch, ExtensionType, TensorMetadata, backend_extension};
+use burn::backend::{Autodiff, AutodiffBackend, Backend, Dispatch, ExtensionType, TensorMetadata, backend_extension};
 use burn::tensor::Tensor;
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -41,21 +41,23 @@ pub fn mean_ssim(a: Tensor<3>, b: Tensor<3>) -> Tensor<1> {
     Tensor::from_dispatch(Dispatch::ssim_forward(a.into_dispatch(), b.into_dispatch(), false).value)
 }
 
-fn cpu_forward<B: CpuBackend>(a: &FloatTensor<B>, b: &FloatTensor<B>, with_grad: bool) -> SsimForward<B> {
-    let device = a.device();
-    let shape = a.shape();
-    let (h, w) = (shape[0], shape[1]);
-    let channels = shape[2];
-    let (va, vb) = (colours(B::values(a), channels), colours(B::values(b), channels));
-    let (value, grad) = if with_grad {
-        let mut grad = zeros(va.len());
-        let value = ssim_grad(&va, &vb, h, w, 1.0, &mut grad);
-        let grad = if channels == 4 { with_alpha(&grad) } else { grad };
-        (value, B::tensor(grad, shape, &device))
-    } else {
-        (ssim(&va, &vb, h, w), B::tensor(vec![0.0], [1], &device))
-    };
-    SsimForward { value: B::tensor(vec![value as f32], [1], &device), grad }
+impl<B: CpuBackend> SsimOps for B {
+    fn ssim_forward(a: FloatTensor<Self>, b: FloatTensor<Self>, with_grad: bool) -> SsimForward<Self> {
+        let device = a.device();
+        let shape = a.shape();
+        let (h, w) = (shape[0], shape[1]);
+        let channels = shape[2];
+        let (va, vb) = (colours(B::values(&a), channels), colours(B::values(&b), channels));
+        let (value, grad) = if with_grad {
+            let mut grad = zeros(va.len());
+            let value = ssim_grad(&va, &vb, h, w, 1.0, &mut grad);
+            let grad = if channels == 4 { with_alpha(&grad) } else { grad };
+            (value, B::tensor(grad, shape, &device))
+        } else {
+            (ssim(&va, &vb, h, w), B::tensor(vec![0.0], [1], &device))
+        };
+        SsimForward { value: B::tensor(vec![value as f32], [1], &device), grad }
+    }
 }
 
 /// Pixels per task.
@@ -86,46 +88,19 @@ fn with_alpha(grad: &[f32]) -> Vec<f32> {
     out
 }
 
-macro_rules! bind {
-    ($backend:ty) => {
-        impl SsimOps for $backend {
-            fn ssim_forward(a: FloatTensor<Self>, b: FloatTensor<Self>, with_grad: bool) -> SsimForward<Self> {
-                cpu_forward::<Self>(&a, &b, with_grad)
-            }
-        }
-    };
-}
-
-for_cpu_backends!(bind);
-
-#[derive(Debug)]
-struct SsimBackward;
-
-impl<B: SsimOps + ScaleOps> Backward<B, 1> for SsimBackward {
-    type State = FloatTensor<B>;
-
-    fn backward(self, ops: Ops<Self::State, 1>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
-        let upstream = grads.consume::<B>(&ops.node);
-        if let [Some(node)] = ops.parents {
-            grads.register::<B>(node.id, B::scaled(ops.state, upstream));
-        }
-    }
-}
-
 impl<B: SsimOps + ScaleOps, C: CheckpointStrategy> SsimOps for Autodiff<B, C> {
     fn ssim_forward(a: FloatTensor<Self>, b: FloatTensor<Self>, _: bool) -> SsimForward<Self> {
         let (a, node) = a.into_parts();
         let (b, _) = b.into_parts();
-        match SsimBackward.prepare::<C>([node]).compute_bound().stateful() {
+        let plain = <Self as AutodiffBackend>::from_inner;
+        match Pullback::<B, _, 1>(scaled::<B, _>).prepare::<C>([node]).compute_bound().stateful() {
             OpsKind::Tracked(prep) => {
-                let out = B::ssim_forward(a, b, true);
-                let none = <Self as burn::backend::AutodiffBackend>::from_inner(out.grad.clone());
-                SsimForward { value: prep.finish(out.grad, out.value), grad: none }
+                let SsimForward { value, grad } = B::ssim_forward(a, b, true);
+                SsimForward { value: prep.finish([grad.clone()], value), grad: plain(grad) }
             }
             OpsKind::UnTracked(prep) => {
-                let out = B::ssim_forward(a, b, false);
-                let none = <Self as burn::backend::AutodiffBackend>::from_inner(out.grad);
-                SsimForward { value: prep.finish(out.value), grad: none }
+                let SsimForward { value, grad } = B::ssim_forward(a, b, false);
+                SsimForward { value: prep.finish(value), grad: plain(grad) }
             }
         }
     }

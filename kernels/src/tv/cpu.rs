@@ -3,7 +3,7 @@
 //! so the bits do not depend on the number of threads.
 
 use crate::field::{FieldParams, FieldShape, TensorSpan};
-use pulp::{Simd, WithSimd};
+use crate::splat::cpu::lanes::wide;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -33,7 +33,7 @@ pub enum TvReduction {
 
 impl TvReduction {
     /// Returns the factor of each of `count` squared differences in a penalty of weight `weight`; 0 if there are none.
-    pub(super) fn factor(self, weight: f32, count: usize) -> f32 {
+    fn factor(self, weight: f32, count: usize) -> f32 {
         match (self, count) {
             (_, 0) => 0.0,
             (Self::Mean, count) => weight / count as f32,
@@ -55,6 +55,49 @@ pub struct TvWeights {
     pub one_prior_time: f32,
     /// Whether differences contribute their mean or their sum; |1 - g| always contributes its mean.
     pub reduction: TvReduction,
+}
+
+impl TvWeights {
+    /// Returns the penalty terms of the planes, the lines and the times.
+    pub(super) fn terms(self, kind: TvKind) -> [Terms; 3] {
+        let Self { space, time, one_prior_space, one_prior_time, reduction } = self;
+        [(space, one_prior_space), (space, one_prior_space), (time, one_prior_time)].map(|(weight, prior)| Terms {
+            kind,
+            reduction,
+            weight,
+            prior,
+        })
+    }
+}
+
+/// The penalty terms of the tensors of one buffer.
+#[derive(Clone, Copy)]
+pub(super) struct Terms {
+    kind: TvKind,
+    reduction: TvReduction,
+    weight: f32,
+    prior: f32,
+}
+
+impl Terms {
+    /// Returns the factors of a tensor `[height, width, channels]`.
+    pub(super) fn factors(self, span: &TensorSpan, channels: usize) -> Factors {
+        let row = span.width * channels;
+        let factor = |count| self.reduction.factor(self.weight, count);
+        let (slow, fast) = match self.kind {
+            TvKind::First => (factor((span.height - 1) * row), factor(span.height * (span.width - 1) * channels)),
+            TvKind::Second => (factor(span.height.saturating_sub(2) * row), 0.0),
+        };
+        Factors { slow, fast, prior: TvReduction::Mean.factor(self.prior, span.height * row) }
+    }
+}
+
+/// Weight of one squared difference along each axis, and of one |1 - g|.
+#[derive(Clone, Copy)]
+pub(super) struct Factors {
+    pub(super) slow: f32,
+    pub(super) fast: f32,
+    pub(super) prior: f32,
 }
 
 /// Gradient buffers that [`tv`] adds to; laid out like the parameters.
@@ -84,20 +127,15 @@ pub fn tv(params: FieldParams<'_>, shape: &FieldShape, kind: TvKind, weights: Tv
         (shape.time_spans(), params.times, grads.times),
     ];
     let expected = [shape.planes_len(), shape.lines_len(), shape.times_len()];
-    let factors = [
-        (weights.space, weights.one_prior_space),
-        (weights.space, weights.one_prior_space),
-        (weights.time, weights.one_prior_time),
-    ];
     let mut tasks = Vec::new();
-    for (((spans, data, grad), len), (weight, prior)) in kinds.into_iter().zip(expected).zip(factors) {
+    for (((spans, data, grad), len), terms) in kinds.into_iter().zip(expected).zip(weights.terms(kind)) {
         assert_eq!(data.len(), len, "parameters do not fit the field shape");
         assert_eq!(grad.len(), len, "gradients do not fit the field shape");
-        if weight != 0.0 || prior != 0.0 {
-            push_tasks(&mut tasks, &spans, shape.channels, kind, weights.reduction, weight, prior, data, grad);
+        if terms.weight != 0.0 || terms.prior != 0.0 {
+            push_tasks(&mut tasks, &spans, shape.channels, terms, data, grad);
         }
     }
-    let losses: Vec<f64> = tasks.into_par_iter().with_max_len(1).map(|task| crate::arch().dispatch(task)).collect();
+    let losses: Vec<f64> = tasks.into_par_iter().with_max_len(1).map(|rows| wide!(rows.run())).collect();
     losses.iter().sum()
 }
 
@@ -105,10 +143,7 @@ fn push_tasks<'a>(
     tasks: &mut Vec<Rows<'a>>,
     spans: &[TensorSpan],
     channels: usize,
-    kind: TvKind,
-    reduction: TvReduction,
-    weight: f32,
-    prior: f32,
+    terms: Terms,
     data: &'a [f32],
     mut grad: &'a mut [f32],
 ) {
@@ -118,30 +153,12 @@ fn push_tasks<'a>(
         let data = &data[span.offset..span.offset + len];
         let (own, rest) = grad.split_at_mut(len);
         grad = rest;
-        let prior = TvReduction::Mean.factor(prior, len);
-        let factors = match kind {
-            TvKind::First => Factors {
-                slow: reduction.factor(weight, (span.height - 1) * row),
-                fast: reduction.factor(weight, span.height * (span.width - 1) * channels),
-                prior,
-            },
-            TvKind::Second => {
-                Factors { slow: reduction.factor(weight, span.height.saturating_sub(2) * row), fast: 0.0, prior }
-            }
-        };
+        let factors = terms.factors(span, channels);
         let rows = (TASK / row).max(1);
         for (index, grad) in own.chunks_mut(rows * row).enumerate() {
-            tasks.push(Rows { data, first: index * rows, row, channels, kind, factors, grad });
+            tasks.push(Rows { data, first: index * rows, row, channels, kind: terms.kind, factors, grad });
         }
     }
-}
-
-/// Weight of one squared difference or one |1 - g|.
-#[derive(Clone, Copy)]
-struct Factors {
-    slow: f32,
-    fast: f32,
-    prior: f32,
 }
 
 /// Some rows of one tensor `[height, width, R]`.
@@ -156,11 +173,10 @@ struct Rows<'a> {
     grad: &'a mut [f32],
 }
 
-impl WithSimd for Rows<'_> {
-    type Output = f64;
-
+impl Rows<'_> {
+    /// Returns the penalty and adds its gradient.
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> f64 {
+    fn run(self) -> f64 {
         let (data, row, r) = (self.data, self.row, self.channels);
         let height = data.len() / row;
         let mut loss = 0.0;

@@ -1,15 +1,11 @@
 //! Total variation on a GPU: one unit per element, which reads its neighbours; sums in a fixed order.
 
 use super::ops::{TvForward, TvOps};
-use super::{TvKind, TvReduction, TvWeights};
+use super::{TvKind, TvWeights};
+use crate::cube::prelude::*;
 use crate::cube::reduce::{over_cube, total};
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, launched, rows};
 use crate::field::{FieldShape, TensorSpan};
-use burn::backend::tensor::FloatTensor;
-use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
-use burn_cubecl::tensor::CubeTensor;
 
 /// Computes the loss of each cube and the gradient of each element of one tensor `[height, width * R]` in the buffers.
 #[cube(launch)]
@@ -98,24 +94,13 @@ impl TvOps for CubeBackend {
         let grads = inputs.each_ref().map(|t| empty_f32(t, t.meta.shape().clone()));
         let channels = shape.channels;
         let spans = [shape.plane_spans(), shape.line_spans(), shape.time_spans()];
-        let factors = [
-            (weights.space, weights.one_prior_space),
-            (weights.space, weights.one_prior_space),
-            (weights.time, weights.one_prior_time),
-        ];
         let size = |s: &TensorSpan| cubes(s.height * s.width * channels, UNITS);
         let parts = Words::empty(&client, spans.iter().flatten().map(|s| launched(&size(s))).sum());
         let mut first = 0;
-        for (k, of_kind) in spans.iter().enumerate() {
-            let (weight, prior) = factors[k];
-            let factor = |count: usize| weights.reduction.factor(weight, count);
+        for (k, (of_kind, terms)) in spans.iter().zip(weights.terms(kind)).enumerate() {
             let (data, grad): (&CubeTensor, &CubeTensor) = (&inputs[k], &grads[k]);
             for s in of_kind {
-                let row = s.width * channels;
-                let (slow, fast) = match kind {
-                    TvKind::First => (factor((s.height - 1) * row), factor(s.height * (s.width - 1) * channels)),
-                    TvKind::Second => (factor(s.height.saturating_sub(2) * row), 0.0),
-                };
+                let factors = terms.factors(s, channels);
                 let count = size(s);
                 let used = launched(&count);
                 span::launch(
@@ -128,11 +113,11 @@ impl TvOps for CubeBackend {
                     first as u32,
                     s.offset as u32,
                     s.height as u32,
-                    row as u32,
+                    (s.width * channels) as u32,
                     channels as u32,
-                    slow,
-                    fast,
-                    TvReduction::Mean.factor(prior, s.height * row),
+                    factors.slow,
+                    factors.fast,
+                    factors.prior,
                     kind == TvKind::Second,
                 );
                 first += used;

@@ -1,12 +1,11 @@
 //! The smoothness penalty as a differentiable op on tensors. The forward pass computes the gradient too.
 
 use super::{TvGrads, TvKind, TvWeights, tv};
-use crate::backend::{CpuBackend, for_cpu_backends, zeros};
+use crate::backend::{CpuBackend, zeros};
 use crate::field::{FieldParams, FieldShape};
-use crate::scale::ScaleOps;
-use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
-use burn::backend::autodiff::grads::Gradients;
-use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
+use crate::scale::{ScaleOps, scaled};
+use crate::tensors::{like, recorded};
+use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, AutodiffBackend, Backend, Dispatch, ExtensionType, TensorMetadata, backend_extension};
 use burn::tensor::Tensor;
@@ -55,59 +54,25 @@ pub fn total_variation(
     Tensor::from_dispatch(Dispatch::tv_forward(planes, lines, times, shape.clone(), kind, weights).value)
 }
 
-fn cpu_forward<B: CpuBackend>(
-    inputs: [&FloatTensor<B>; 3],
-    shape: &FieldShape,
-    kind: TvKind,
-    weights: TvWeights,
-) -> TvForward<B> {
-    let [planes, lines, times] = inputs;
-    let device = planes.device();
-    let values = (B::values(planes), B::values(lines), B::values(times));
-    let params = FieldParams { planes: &values.0, lines: &values.1, times: &values.2 };
-    let mut grads = (zeros(params.planes.len()), zeros(params.lines.len()), zeros(params.times.len()));
-    let out = TvGrads { planes: &mut grads.0, lines: &mut grads.1, times: &mut grads.2 };
-    let value = tv(params, shape, kind, weights, out);
-    TvForward {
-        value: B::tensor(vec![value as f32], [1], &device),
-        planes: B::tensor(grads.0, planes.shape(), &device),
-        lines: B::tensor(grads.1, lines.shape(), &device),
-        times: B::tensor(grads.2, times.shape(), &device),
-    }
-}
-
-macro_rules! bind {
-    ($backend:ty) => {
-        impl TvOps for $backend {
-            fn tv_forward(
-                planes: FloatTensor<Self>,
-                lines: FloatTensor<Self>,
-                times: FloatTensor<Self>,
-                shape: FieldShape,
-                kind: TvKind,
-                weights: TvWeights,
-            ) -> TvForward<Self> {
-                cpu_forward::<Self>([&planes, &lines, &times], &shape, kind, weights)
-            }
-        }
-    };
-}
-
-for_cpu_backends!(bind);
-
-#[derive(Debug)]
-struct TvBackward;
-
-impl<B: TvOps + ScaleOps> Backward<B, 3> for TvBackward {
-    type State = [FloatTensor<B>; 3];
-
-    fn backward(self, ops: Ops<Self::State, 3>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
-        let upstream = grads.consume::<B>(&ops.node);
-        for (parent, grad) in ops.parents.into_iter().zip(ops.state) {
-            if let Some(node) = parent {
-                grads.register::<B>(node.id, B::scaled(grad, upstream.clone()));
-            }
-        }
+impl<B: CpuBackend> TvOps for B {
+    fn tv_forward(
+        planes: FloatTensor<Self>,
+        lines: FloatTensor<Self>,
+        times: FloatTensor<Self>,
+        shape: FieldShape,
+        kind: TvKind,
+        weights: TvWeights,
+    ) -> TvForward<Self> {
+        let inputs = [&planes, &lines, &times];
+        let values = inputs.map(B::values);
+        let mut grads = values.each_ref().map(|values| zeros(values.len()));
+        let params = FieldParams { planes: &values[0], lines: &values[1], times: &values[2] };
+        let [of_planes, of_lines, of_times] = &mut grads;
+        let out = TvGrads { planes: of_planes, lines: of_lines, times: of_times };
+        let value = tv(params, &shape, kind, weights, out);
+        let value = B::tensor(vec![value as f32], [1], &planes.device());
+        let [planes, lines, times] = like::<B, _>(inputs, grads);
+        TvForward { value, planes, lines, times }
     }
 }
 
@@ -126,10 +91,8 @@ impl<B: TvOps + ScaleOps, C: CheckpointStrategy> TvOps for Autodiff<B, C> {
         let out = B::tv_forward(planes, lines, times, shape, kind, weights);
         let plain = <Self as AutodiffBackend>::from_inner;
         let (planes, lines, times) = (plain(out.planes.clone()), plain(out.lines.clone()), plain(out.times.clone()));
-        let value = match TvBackward.prepare::<C>([n_planes, n_lines, n_times]).compute_bound().stateful() {
-            OpsKind::Tracked(prep) => prep.finish([out.planes, out.lines, out.times], out.value),
-            OpsKind::UnTracked(prep) => prep.finish(out.value),
-        };
+        let grads = [out.planes, out.lines, out.times];
+        let value = recorded::<B, C, _, _>([n_planes, n_lines, n_times], grads, |_| out.value, scaled::<B, _>);
         TvForward { value, planes, lines, times }
     }
 }

@@ -3,7 +3,7 @@
 mod values;
 
 use super::values::{count, finite_f32, not_negative_f32, point, positive_f32};
-use super::{CliError, Common, command_line, print_json};
+use super::{CliError, Common, print_json};
 use crate::data::calibration::PhysicalSpace;
 use crate::edit::{Edit, EditStack, Operation};
 use crate::files::Work;
@@ -201,8 +201,7 @@ impl EditArgs {
             EditCommand::Undo { target, count } => target.change(|run| edits::step(run, Towards::Undo, count)),
             EditCommand::Redo { target, count } => target.change(|run| edits::step(run, Towards::Redo, count)),
             EditCommand::List(target) => {
-                let (_, device) = target.common.device()?;
-                let run = OpenRun::open(&target.run, &device)?;
+                let run = target.common.open(&target.run)?;
                 target.print(&run, &run.edits()?)
             }
             EditCommand::Clear(target) => target.change(edits::clear),
@@ -226,8 +225,7 @@ impl Targets {
 impl Target {
     /// Changes the edits and prints them.
     fn change(&self, change: impl FnOnce(&OpenRun) -> Result<EditStack, RunError>) -> Result<(), CliError> {
-        let (_, device) = self.common.device()?;
-        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
+        let run = self.common.open_to_write(&self.run, Work::Short)?;
         self.print(&run, &change(&run)?)
     }
 

@@ -1,6 +1,7 @@
 //! Command-line options for what a render shows.
 
 use super::super::CliError;
+use super::super::error::refuse;
 use super::super::values::point;
 use crate::run::look::Show as Shows;
 use crate::run::numbers::Quantity;
@@ -87,11 +88,8 @@ impl LookArgs {
     /// If options do not go together, or are for pictures alone.
     pub(super) fn quantity(&self) -> Result<Option<Quantity>, CliError> {
         self.show()?;
-        for (flag, given) in [("--palette", self.palette.is_some()), ("--light", self.light.is_some())] {
-            if given {
-                return Err(CliError::input(format!("{flag}: only for pictures; omit it, or write NAME.png")));
-            }
-        }
+        let of_pictures = [("--palette", self.palette.is_some()), ("--light", self.light.is_some())];
+        refuse(&of_pictures, "only for pictures; omit it, or write NAME.png")?;
         Ok(match self.show {
             Some(Show::Depth) => Some(Quantity::Depth),
             Some(Show::Velocity) => Some(Quantity::Velocity(self.velocity_axis.map(Into::into))),
@@ -104,9 +102,8 @@ impl LookArgs {
     /// # Errors
     /// If options do not go together.
     pub(super) fn show(&self) -> Result<Shows, CliError> {
-        if self.velocity_axis.is_some() && self.show != Some(Show::Velocity) {
-            return Err(CliError::input("--velocity-axis: only for --show velocity"));
-        }
+        let axis_alone = self.velocity_axis.is_some() && self.show != Some(Show::Velocity);
+        refuse(&[("--velocity-axis", axis_alone)], "only for --show velocity")?;
         Ok(match self.show.unwrap_or(Show::Colour) {
             Show::Colour => Shows::Colour,
             Show::Depth => Shows::Depth,

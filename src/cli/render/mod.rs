@@ -17,7 +17,7 @@ use crate::run::frames::{Background, Draw, Frames, Record, check_name, film, is_
 use crate::run::look::{Legend, Look};
 use crate::run::numbers::{self, NumberFormat};
 use crate::run::{AnyRun, OpenRun, Trained};
-use burn::tensor::Device;
+use crate::user_error::UserError;
 use clap::{Args, ValueEnum};
 use look::LookArgs;
 use serde::Serialize;
@@ -258,24 +258,18 @@ impl RenderArgs {
                     "--out: {name} is a picture; give --camera or --view N for numbers"
                 )));
             }
-            return self.numbers(&run, format, &views, &device);
+            return self.numbers(&run, format, &views);
         }
         let (mut look, show, segments) = self.look(&run, saved.as_ref())?;
         let light = self.look.light.map(|v| v.to_array());
         let record = Record { show, light, segments, edits: look.selection().edits(), ..record };
-        let draw = &mut |camera: &Camera, time: f64| look.frame(&run.scene, (camera.to_kernel(), time as f32), &device);
+        let draw = &mut |camera: &Camera, time: f64| look.frame(&run.scene, (camera.to_kernel(), time as f32));
         let fps = self.draw(&run, draw, &views, &record)?;
         self.print(&record, &views, fps, look.legend())
     }
 
     /// Writes depth or velocity as numbers.
-    fn numbers(
-        &self,
-        run: &OpenRun,
-        format: NumberFormat,
-        views: &[(Camera, f64)],
-        device: &Device,
-    ) -> Result<(), CliError> {
+    fn numbers(&self, run: &OpenRun, format: NumberFormat, views: &[(Camera, f64)]) -> Result<(), CliError> {
         let out = self.out.display();
         let Some(quantity) = self.look.quantity()? else {
             return Err(CliError::input(format!(
@@ -290,7 +284,7 @@ impl RenderArgs {
         let calibration = &run.record.calibration;
         let shown = self.shown.select(run)?;
         let bar = progress::bar(views.len(), "frames");
-        let done = numbers::write(run, &shown, (quantity, calibration), views, (&self.out, format), device, || {
+        let done = numbers::write(run, &shown, (quantity, calibration), views, (&self.out, format), || {
             bar.inc(1);
             !stop.load(Ordering::Relaxed)
         })?;

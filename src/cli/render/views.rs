@@ -2,6 +2,7 @@
 
 use super::super::CliError;
 use super::super::camera::surroundings;
+use super::super::error::refuse;
 use super::RenderArgs;
 use crate::data::paths::{Lens, test_spiral};
 use crate::data::{Camera, Normalisation, Transforms};
@@ -52,11 +53,9 @@ impl RenderArgs {
         saved: Option<&Saved>,
     ) -> Result<Vec<(Camera, f64)>, CliError> {
         let held = self.time.map(|time| time.of("--time", run.calibration())).transpose()?;
-        let no_radius = |path: &dyn Display| match self.radius {
-            Some(_) => {
-                Err(CliError::input(format!("--radius: cannot be combined with {path}, which defines the cameras")))
-            }
-            None => Ok(()),
+        let radius = ("--radius", self.radius.is_some());
+        let no_radius = |path: &dyn Display| {
+            refuse(&[radius], format!("cannot be combined with {path}, which defines the cameras"))
         };
         if let Some(Saved { name, view, path: Some(path) }) = saved {
             no_radius(name)?;
@@ -67,13 +66,8 @@ impl RenderArgs {
         let size = self.view.size.map_or(format!("pictures of {width}x{height}"), |s| format!("--size {s}"));
         check_lens(&size, lens)?;
         if let Some(choice) = self.view.choice()? {
-            for (given, flag) in [(self.frames.is_some(), "--frames"), (self.radius.is_some(), "--radius")] {
-                if given {
-                    return Err(CliError::input(format!(
-                        "{flag}: cannot be combined with {choice}, which is a single view"
-                    )));
-                }
-            }
+            let why = format!("cannot be combined with {choice}, which is a single view");
+            refuse(&[("--frames", self.frames.is_some()), radius], why)?;
             let (camera, time) = run.view(&choice, lens)?;
             return Ok(vec![(camera, held.or(time).unwrap_or(0.5))]);
         }
@@ -84,9 +78,8 @@ impl RenderArgs {
             Some(t) => views.into_iter().map(|(c, _)| (c, t)).collect(),
             None => views,
         };
-        if self.frames.is_some() && self.path.to_str() != Some("orbit") {
-            return Err(CliError::input("--frames: only for an orbit or a path of keyframes; add --path orbit"));
-        }
+        let fixed = self.frames.is_some() && self.path.to_str() != Some("orbit");
+        refuse(&[("--frames", fixed)], "only for an orbit or a path of keyframes; add --path orbit")?;
         match self.path.to_str() {
             Some("test") => Ok(hold(test_spiral(181, 100, around.sphere, lens))),
             Some("orbit") => {

@@ -1,12 +1,35 @@
-//! `volseggs segment group`, `segment rename` and `segment remove`
+//! `volseggs segment group`, `segment rename`, `segment remove`, `segment undo` and `segment redo`
 
-use super::super::{CliError, Common, command_line, print_json};
+use super::super::values::count;
+use super::super::{CliError, Common, print_json};
 use crate::files::Work;
 use crate::name::Name;
-use crate::run::OpenRun;
-use crate::run::segments::RunSegments;
+use crate::run::segments::{RunSegments, Towards};
+use crate::run::{OpenRun, RunError};
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+/// Changes the segments of a run and saves them. Returns them with what `change` returned.
+fn change<T>(
+    run: &Path,
+    common: &Common,
+    change: impl FnOnce(&OpenRun, &mut RunSegments) -> Result<T, RunError>,
+) -> Result<(RunSegments, T), CliError> {
+    let run = common.open_to_write(run, Work::Short)?;
+    let mut segments = RunSegments::open(&run)?;
+    let found = change(&run, &mut segments)?;
+    segments.save()?;
+    Ok((segments, found))
+}
+
+fn names(segments: &RunSegments) -> Vec<&str> {
+    segments.now().segments.iter().map(|s| s.name.as_str()).collect()
+}
+
+/// Names as they are printed.
+fn list(names: &[&str]) -> String {
+    if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+}
 
 /// Group segments under a new name.
 #[derive(Debug, Args)]
@@ -25,11 +48,7 @@ pub struct GroupArgs {
 
 impl GroupArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let (_, device) = self.common.device()?;
-        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
-        let mut segments = RunSegments::open(&run)?;
-        segments.group(&self.name, &self.segments)?;
-        segments.save()?;
+        let (segments, ()) = change(&self.run, &self.common, |_, segments| segments.group(&self.name, &self.segments))?;
         let group = segments.now().get(&self.name).map_err(CliError::failure)?;
         if self.common.json {
             return print_json(&serde_json::json!({ "name": group.name, "gaussians": group.members.len() }));
@@ -57,12 +76,9 @@ pub struct RenameArgs {
 
 impl RenameArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let (_, device) = self.common.device()?;
-        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
-        let mut segments = RunSegments::open(&run)?;
-        segments.rename(&run, &self.old, &self.new)?;
-        segments.save()?;
-        let names: Vec<&str> = segments.now().segments.iter().map(|s| s.name.as_str()).collect();
+        let (segments, ()) =
+            change(&self.run, &self.common, |run, segments| segments.rename(run, &self.old, &self.new))?;
+        let names = names(&segments);
         if self.common.json {
             return print_json(&serde_json::json!({ "old": self.old, "name": self.new, "segments": names }));
         }
@@ -88,16 +104,42 @@ pub struct RemoveArgs {
 
 impl RemoveArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let (_, device) = self.common.device()?;
-        let run = OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?;
-        let mut segments = RunSegments::open(&run)?;
-        let removed = segments.remove(&self.segments)?;
-        segments.save()?;
-        let left: Vec<&str> = segments.now().segments.iter().map(|s| s.name.as_str()).collect();
+        let (segments, removed) = change(&self.run, &self.common, |_, segments| segments.remove(&self.segments))?;
+        let left = names(&segments);
         if self.common.json {
             return print_json(&serde_json::json!({ "removed": removed, "segments": left }));
         }
-        errln!("{removed} removed; left: {}", if left.is_empty() { "none".into() } else { left.join(", ") });
+        errln!("{removed} removed; left: {}", list(&left));
+        Ok(())
+    }
+}
+
+#[derive(Debug, Args)]
+pub struct StepArgs {
+    /// Folder of the run.
+    run: PathBuf,
+    /// Number of changes.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = count)]
+    count: usize,
+    #[command(flatten)]
+    common: Common,
+}
+
+impl StepArgs {
+    /// Undoes or redoes changes, which is `done` to them.
+    pub(super) fn run(self, towards: Towards, done: &str) -> Result<(), CliError> {
+        let (segments, steps) = change(&self.run, &self.common, |_, segments| segments.step(towards, self.count))?;
+        let names = names(&segments);
+        if self.common.json {
+            return print_json(&serde_json::json!({
+                done: steps, "segments": names,
+                "undo": segments.steps(Towards::Undo), "redo": segments.steps(Towards::Redo),
+            }));
+        }
+        for step in &steps {
+            outln!("{done}: {step}");
+        }
+        errln!("segments: {}", list(&names));
         Ok(())
     }
 }

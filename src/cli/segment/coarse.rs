@@ -2,13 +2,13 @@
 
 use super::super::camera::surroundings;
 use super::super::data::DataArgs;
+use super::super::error::refuse;
 use super::super::settings::{SegmentSettings, put};
 use super::super::time::TimeArg;
 use super::super::values::{count, fraction_f32, positive_f32};
-use super::super::{CliError, Common, command_line, print_json};
+use super::super::{CliError, Common, print_json};
 use crate::config::types::segment::{ColourConfig, ColourSpace};
 use crate::files::Work;
-use crate::run::OpenRun;
 use crate::run::segments::{RunSegments, SHOWN, sheet, write_picture};
 use crate::segment::coarse::Coarse;
 use crate::segment::segmentation::Segmentation;
@@ -83,8 +83,7 @@ struct Report<'a> {
 impl CoarseArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         self.check(self.space.unwrap_or(ColourSpace::Material))?;
-        let (_, device) = self.common.device()?;
-        let run = self.data.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?)?;
+        let run = self.data.of(self.common.open_to_write(&self.run, Work::Short)?)?;
         let run = self.settings.of(run)?;
         let mut config = run.config.segment.clone();
         self.set(&mut config.colour);
@@ -120,7 +119,7 @@ impl CoarseArgs {
         segments.save()?;
         let all = segments.now();
         let path = run.paths().segment_sheet("coarse");
-        write_picture(&path, &sheet(&run, &around, &at, &all.segments, &device))?;
+        write_picture(&path, &sheet(&run, &around, &at, &all.segments))?;
         let (outliers, transparent, not_finite) = (found.outliers, found.transparent, found.not_finite);
         let in_segments = n - outliers - transparent - not_finite;
         if self.common.json {
@@ -137,12 +136,9 @@ impl CoarseArgs {
 
     /// Refuses what would have no effect in a space of colours.
     fn check(&self, space: ColourSpace) -> Result<(), CliError> {
-        match self.keep_surface_layers && space != ColourSpace::Material {
-            false => Ok(()),
-            true => Err(CliError::input(
-                "--keep-surface-layers: only --space material joins surface layers to bodies; omit one of the two",
-            )),
-        }
+        let idle = self.keep_surface_layers && space != ColourSpace::Material;
+        let why = "only --space material joins surface layers to bodies; omit one of the two";
+        refuse(&[("--keep-surface-layers", idle)], why)
     }
 
     /// Sets the keys of options that were given.

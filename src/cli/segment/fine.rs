@@ -2,11 +2,10 @@
 
 use super::super::settings::{SegmentSettings, put};
 use super::super::values::{cosine_f32, count, not_negative, positive};
-use super::super::{CliError, Common, command_line, print_json, stop_flag};
+use super::super::{CliError, Common, print_json, stop_flag};
 use crate::config::types::segment::MaskScale;
 use crate::files::Work;
 use crate::log::progress;
-use crate::run::OpenRun;
 use crate::run::affinity::{self, Stage, Trained};
 use crate::shell;
 use clap::Args;
@@ -54,8 +53,7 @@ pub struct FineArgs {
 
 impl FineArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let (_, device) = self.common.device()?;
-        let run = self.settings.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long)?)?;
+        let run = self.settings.of(self.common.open_to_write(&self.run, Work::Long)?)?;
         let stop = stop_flag("stopping after this step; nothing is written")?;
         let mut options = run.config.segment.affinity.clone();
         put(&mut options.steps, self.steps);
@@ -66,7 +64,7 @@ impl FineArgs {
         put(&mut options.hierarchy, self.hierarchy);
         let steps = options.steps;
         let mut bar = progress::bar(0, "views");
-        let trained = affinity::fit(&run, &options, self.seed, &device, |stage| {
+        let trained = affinity::fit(&run, &options, self.seed, |stage| {
             match stage {
                 Stage::Read { done, all } => {
                     bar.set_length(all as u64);

@@ -1,7 +1,6 @@
 //! `volseggs segment list`
 
 use super::super::{CliError, Common, print_json};
-use crate::run::OpenRun;
 use crate::run::materials::{Assigned, Made, materials};
 use crate::run::segments::{RunSegments, Towards};
 use crate::segment::segmentation::Segment;
@@ -45,8 +44,7 @@ struct Listed<'a> {
 
 impl ListArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let (_, device) = self.common.device()?;
-        let run = OpenRun::open(&self.run, &device)?;
+        let run = self.common.open(&self.run)?;
         let segments = RunSegments::open(&run)?;
         let (all, undo, redo) = (segments.now(), segments.steps(Towards::Undo), segments.steps(Towards::Redo));
         let tree = all.tree();

@@ -7,9 +7,9 @@ mod list;
 mod masks;
 mod pick;
 mod split;
-mod undo;
 
 use super::CliError;
+use crate::run::segments::Towards;
 use clap::{Args, Subcommand};
 
 /// Find segments: by colour, and within a colour by masks of rendered views.
@@ -32,8 +32,14 @@ enum SegmentCommand {
     Group(change::GroupArgs),
     Rename(change::RenameArgs),
     Remove(change::RemoveArgs),
-    Undo(undo::UndoArgs),
-    Redo(undo::RedoArgs),
+    /// Undo the last changes of the segments.
+    #[command(
+        after_help = "Examples:\n  volseggs segment undo RUN\n  volseggs segment undo RUN --count 2\n\nThe last 50 changes are remembered. Masks, the affinity field and pictures are not affected."
+    )]
+    Undo(change::StepArgs),
+    /// Redo the changes of the segments that were undone last.
+    #[command(after_help = "Example:\n  volseggs segment redo RUN")]
+    Redo(change::StepArgs),
     List(list::ListArgs),
 }
 
@@ -48,8 +54,8 @@ impl SegmentArgs {
             SegmentCommand::Group(args) => args.run(),
             SegmentCommand::Rename(args) => args.run(),
             SegmentCommand::Remove(args) => args.run(),
-            SegmentCommand::Undo(args) => args.run(),
-            SegmentCommand::Redo(args) => args.run(),
+            SegmentCommand::Undo(args) => args.run(Towards::Undo, "undone"),
+            SegmentCommand::Redo(args) => args.run(Towards::Redo, "redone"),
             SegmentCommand::List(args) => args.run(),
         }
     }

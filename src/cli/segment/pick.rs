@@ -2,10 +2,11 @@
 
 use super::super::camera::{ViewArgs, surroundings};
 use super::super::data::DataArgs;
+use super::super::error::refuse;
 use super::super::settings::SegmentSettings;
 use super::super::time::TimeArg;
 use super::super::values::{cosine_f32, count, fraction_f32};
-use super::super::{CliError, Common, command_line, print_json};
+use super::super::{CliError, Common, print_json};
 use crate::config::types::segment::LevelsConfig;
 use crate::data::Camera;
 use crate::files::Work;
@@ -154,22 +155,14 @@ impl PickArgs {
             return Ok(());
         }
         let meaning = [
-            ("--level", self.level.is_some()),
-            ("--scale", self.scale.is_some()),
-            ("--threshold", self.threshold.is_some()),
+            ("--level", self.level.is_some() && !self.levels),
+            ("--scale", self.scale.is_some() && !self.levels),
+            ("--threshold", self.threshold.is_some() && !self.levels),
         ];
-        if let Some((flag, _)) = meaning.into_iter().find(|(_, given)| *given && !self.levels) {
-            return Err(CliError::input(format!(
-                "{flag}: selects what a new segment contains; add --name NAME, or list the levels with --levels"
-            )));
-        }
+        refuse(&meaning, "selects what a new segment contains; add --name NAME, or list the levels with --levels")?;
         // levels are listed with their strays
-        if self.keep_strays {
-            return Err(CliError::input(
-                "--keep-strays: affects what a new segment contains; name it with --name NAME",
-            ));
-        }
-        Ok(())
+        let strays = [("--keep-strays", self.keep_strays)];
+        refuse(&strays, "affects what a new segment contains; name it with --name NAME")
     }
 
     pub(super) fn run(self) -> Result<(), CliError> {
@@ -177,10 +170,9 @@ impl PickArgs {
             return Err(CliError::input("--pixel: give two numbers, such as --pixel 210,180"));
         };
         self.check()?;
-        let (_, device) = self.common.device()?;
         let run = match self.name {
-            Some(_) => OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?,
-            None => OpenRun::open(&self.run, &device)?,
+            Some(_) => self.common.open_to_write(&self.run, Work::Short)?,
+            None => self.common.open(&self.run)?,
         };
         let mut run = self.settings.of(self.data.of(run)?)?;
         run.config.segment.pieces.strays &= !self.keep_strays;
@@ -191,9 +183,9 @@ impl PickArgs {
         let given = self.time.map(|time| time.of("--time", run.calibration())).transpose()?;
         let time = given.or(view_time).or(found_at).unwrap_or(0.5);
         let wants = self.name.is_some() || self.levels;
-        let field = if wants { Some(affinity::open(&run, &device)?) } else { None };
+        let field = if wants { Some(affinity::open(&run)?) } else { None };
 
-        let clicking = Clicking::new(&run, &all, field.as_ref(), time, &device);
+        let clicking = Clicking::new(&run, &all, field.as_ref(), time);
         let click = |e: ClickError| match e {
             ClickError::Run(error) => error.into(),
             other => CliError::input(format!("--pixel {x},{y}: {other}")),
@@ -217,32 +209,27 @@ impl PickArgs {
         if made.is_some() {
             segments.save()?;
         }
-        let Hit { gaussian, weight, mean, segments, .. } = hit;
-        let segments: Vec<String> = segments.iter().map(ToString::to_string).collect();
-        let levels = picked.iter().flat_map(|p| &p.levels).map(Shown::of).collect();
-        let level = picked.as_ref().and_then(|p| p.level).map(|n| n + 1);
-        let from_other_times = made.as_ref().map_or(0, |(_, made)| made.from_other_times);
-        let made = made.map(|(name, made)| (name, made.gaussians));
+        let Hit { gaussian, weight, mean, .. } = hit;
         let known = run.calibration();
-        let (position, unit) = (known.position(mean.map(f64::from)), known.length_unit().to_owned());
         let report = Report {
             gaussian,
             weight,
             mean,
-            position,
-            unit,
-            segments,
-            made,
-            from_other_times,
-            levels,
-            level,
+            position: known.position(mean.map(f64::from)),
+            unit: known.length_unit().to_owned(),
+            segments: hit.segments.iter().map(ToString::to_string).collect(),
+            from_other_times: made.as_ref().map_or(0, |(_, made)| made.from_other_times),
+            made: made.map(|(name, made)| (name, made.gaussians)),
+            levels: picked.iter().flat_map(|p| &p.levels).map(Shown::of).collect(),
+            level: picked.as_ref().and_then(|p| p.level).map(|n| n + 1),
             seconds,
             carry_seconds,
         };
         if self.common.json {
             return print_json(&report);
         }
-        outln!("Gaussian {gaussian}, {:.0} % of the pixel, at {position:.3?} ({})", 100.0 * weight, report.unit);
+        let (share, at) = (100.0 * weight, report.position);
+        outln!("Gaussian {gaussian}, {share:.0} % of the pixel, at {at:.3?} ({})", report.unit);
         let list = if report.segments.is_empty() { "none".into() } else { report.segments.join(", ") };
         outln!("in segments: {list}");
         if self.levels {

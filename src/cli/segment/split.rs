@@ -4,9 +4,8 @@ use super::super::camera::surroundings;
 use super::super::data::DataArgs;
 use super::super::settings::SegmentSettings;
 use super::super::values::{count, fraction_f32};
-use super::super::{CliError, Common, command_line, print_json};
+use super::super::{CliError, Common, print_json};
 use crate::files::Work;
-use crate::run::OpenRun;
 use crate::run::segments::{RunSegments, write_picture};
 use crate::run::split::{SplitOptions, sheet, split};
 use crate::segment::segmentation::Segment;
@@ -48,19 +47,18 @@ pub struct SplitArgs {
 
 impl SplitArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let (_, device) = self.common.device()?;
-        let run = self.data.of(OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)?)?;
+        let run = self.data.of(self.common.open_to_write(&self.run, Work::Short)?)?;
         let mut run = self.settings.of(run)?;
         run.config.segment.pieces.strays &= !self.keep_strays;
         let around = surroundings(&run, None);
         let mut segments = RunSegments::open(&run)?;
         let options =
             SplitOptions { scale: self.scale, clusters: self.clusters, seed: self.seed, replace: self.replace };
-        let parts = split(&run, &mut segments, &self.segment, &options, &device, &|| true)?;
+        let parts = split(&run, &mut segments, &self.segment, &options, &|| true)?;
         let parts = parts.ok_or_else(|| CliError::failure("stopped; nothing was written"))?;
         segments.save()?;
         let path = run.paths().segment_sheet(&self.segment);
-        write_picture(&path, &sheet(&run, &around, &parts, &device))?;
+        write_picture(&path, &sheet(&run, &around, &parts))?;
         let found: Vec<&Segment> = segments.now().segments.iter().filter(|s| parts.names.contains(&s.name)).collect();
         if self.common.json {
             return print_json(&found);

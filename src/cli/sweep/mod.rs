@@ -7,12 +7,9 @@ mod worker;
 
 use super::CliError;
 use crate::shell;
-use crate::sweep::{Plan, SweepError, file::name_of, slurm::SlurmError};
+use crate::sweep::{Plan, file::name_of, plan::FOLDER};
 use clap::{Args, Subcommand};
 use std::path::{Path, PathBuf};
-
-/// Default folder of sweeps, overridden by `--out`.
-const OUT: &str = "checkpoints/sweeps";
 
 /// Run an ablation or a sweep: turn one file into runs, on this machine or on Slurm, and one table.
 #[derive(Debug, Args)]
@@ -59,7 +56,7 @@ struct Planned {
     #[arg(value_name = "FILE")]
     sweep: PathBuf,
     /// Folder of sweeps, as given when the sweep was started.
-    #[arg(long, default_value = OUT, value_name = "OUT")]
+    #[arg(long, default_value = FOLDER, value_name = "OUT")]
     out: PathBuf,
 }
 
@@ -78,22 +75,4 @@ impl Planned {
 /// The folder of the sweep defined by `file`.
 fn folder(out: &Path, file: &Path) -> PathBuf {
     out.join(name_of(file))
-}
-
-impl From<SweepError> for CliError {
-    fn from(error: SweepError) -> Self {
-        match error {
-            SweepError::File { .. } | SweepError::Key { .. } | SweepError::Choice(_) => Self::input(error),
-            SweepError::Io { .. } | SweepError::Interrupted => Self::failure(error),
-        }
-    }
-}
-
-impl From<SlurmError> for CliError {
-    fn from(error: SlurmError) -> Self {
-        match error {
-            SlurmError::Refused { .. } | SlurmError::Answer { .. } | SlurmError::Start { .. } => Self::failure(error),
-            _ => Self::input(error),
-        }
-    }
 }

@@ -1,6 +1,6 @@
 //! `volseggs sweep FILE`: plan, then run here or submit to Slurm.
 
-use super::{CliError, OUT, folder, results};
+use super::{CliError, folder, results};
 use crate::cli::values::count;
 use crate::cli::{print_json, stop_flag};
 use crate::durations::duration;
@@ -26,27 +26,8 @@ pub(super) struct StartArgs {
     /// Number of concurrent processes on this machine; they share its cores.
     #[arg(long, default_value_t = 1, value_name = "N", value_parser = count)]
     jobs: usize,
-    /// Folder of sweeps: OUT/NAME for this one, OUT/runs for the runs of all.
-    #[arg(long, default_value = OUT, value_name = "OUT")]
-    out: PathBuf,
-    /// Datasets to use instead of the file's; may be repeated.
-    #[arg(long, value_name = "DATASET")]
-    data: Vec<PathBuf>,
-    /// Set a key in every run, unless a variant sets it; may be repeated.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    set: Vec<String>,
-    /// Set a key of every synthetic dataset of the file, such as size=64 for a trial; may be repeated.
-    #[arg(long, value_name = "KEY=VALUE", conflicts_with = "data")]
-    synthetic: Vec<String>,
-    /// Seeds to use instead of the file's.
-    #[arg(long, value_name = "N,...", value_delimiter = ',', allow_hyphen_values = true)]
-    seeds: Vec<u64>,
-    /// Devices to use instead of the file's.
-    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
-    devices: Vec<String>,
-    /// LPIPS weights (safetensors); may be given twice.
-    #[arg(long, value_name = "FILE")]
-    lpips_weights: Vec<PathBuf>,
+    #[command(flatten)]
+    plan: PlanOptions,
     /// Do only runs whose name contains this text or whose key starts with it; may be repeated.
     #[arg(long, value_name = "TEXT")]
     only: Vec<String>,
@@ -89,21 +70,13 @@ fn note_other_data(plan: &Plan, dir: &Path) {
 impl StartArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let file = self.file.clone().ok_or_else(|| CliError::input("give a sweep file"))?;
-        let out = std::path::absolute(&self.out)
-            .map_err(|e| CliError::input(format!("--out {}: {e}", self.out.display())))?;
+        let out = absolute(&self.plan.out, "--out")?;
         if out.exists() && !out.is_dir() {
             return Err(CliError::input(format!("--out {}: is a file; give a folder", out.display())));
         }
-        let options = PlanOptions {
-            out: out.clone(),
-            data: self.data.clone(),
-            set: self.set.clone(),
-            synthetic: self.synthetic.clone(),
-            seeds: self.seeds.clone(),
-            devices: self.devices.clone(),
-            lpips_weights: absolute(&self.lpips_weights)?,
-            elsewhere: self.slurm,
-        };
+        let weights = self.plan.lpips_weights.iter().map(|path| absolute(path, "--lpips-weights"));
+        let lpips_weights = weights.collect::<Result<_, _>>()?;
+        let options = PlanOptions { out: out.clone(), lpips_weights, elsewhere: self.slurm, ..self.plan.clone() };
         let mut plan = Plan::new(&file, &options)?;
         let needs_weights = |name: &String| METRICS.get(name).is_ok_and(|m| !m.is_available(&Networks::default()));
         if plan.metrics.iter().any(needs_weights) && plan.eval.lpips_weights.is_empty() {
@@ -273,9 +246,7 @@ impl StartArgs {
     }
 }
 
-fn absolute(paths: &[PathBuf]) -> Result<Vec<PathBuf>, CliError> {
-    let absolute = |p: &PathBuf| {
-        std::path::absolute(p).map_err(|e| CliError::input(format!("--lpips-weights {}: {e}", p.display())))
-    };
-    paths.iter().map(absolute).collect()
+/// The path given with `option`, from the root.
+fn absolute(path: &Path, option: &str) -> Result<PathBuf, CliError> {
+    std::path::absolute(path).map_err(|e| CliError::input(format!("{option} {}: {e}", path.display())))
 }

@@ -2,7 +2,8 @@
 
 use super::{Row, Table};
 use crate::compare::metric::{self, Better, Column};
-use crate::compare::results::{PaperTable, ResultSet};
+use crate::compare::places::distinct;
+use crate::compare::results::PaperTable;
 use crate::compare::stats::{Difference, difference, mean};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -67,8 +68,8 @@ pub enum Verdict {
 /// If the paper has rows by segment (`variant/segment`), means over its segments are compared with means over the
 /// segments measured here.
 #[must_use]
-pub fn orderings(set: &ResultSet, table: &Table) -> Vec<Ordering> {
-    let Some(paper) = &set.paper else {
+pub fn orderings(table: &Table<'_>) -> Vec<Ordering> {
+    let Some(paper) = &table.set.paper else {
         return Vec::new();
     };
     let mut out = Vec::new();
@@ -84,7 +85,7 @@ pub fn orderings(set: &ResultSet, table: &Table) -> Vec<Ordering> {
 }
 
 /// The paper's name for the table's metric `at`, if the paper has it.
-fn paper_id(paper: &PaperTable, table: &Table, at: usize) -> Option<String> {
+fn paper_id(paper: &PaperTable, table: &Table<'_>, at: usize) -> Option<String> {
     let ours = &table.metrics[at].id;
     let has = |id: &str| paper.rows.values().any(|row| row.contains_key(id));
     if has(ours) {
@@ -101,7 +102,14 @@ fn paper_id(paper: &PaperTable, table: &Table, at: usize) -> Option<String> {
     (has(&id) && !alike.iter().any(|id| has(id)) && chosen == Some(at)).then_some(id)
 }
 
-fn ordering(paper: &PaperTable, table: &Table, rows: &[Row], at: usize, metric: &Column, id: &str) -> Option<Ordering> {
+fn ordering(
+    paper: &PaperTable,
+    table: &Table<'_>,
+    rows: &[Row],
+    at: usize,
+    metric: &Column,
+    id: &str,
+) -> Option<Ordering> {
     let (mut theirs, by_segment) = paper_values(paper, rows, id);
     theirs.sort_by(|a, b| metric.best_first(a.1, b.1));
     let ours = our_values(rows, at, by_segment);
@@ -160,19 +168,9 @@ fn mean_of(values: &[(u64, f64)]) -> Option<f64> {
     mean(&values.iter().map(|v| v.1).collect::<Vec<_>>())
 }
 
-fn variants(rows: &[Row]) -> Vec<&str> {
-    let mut out: Vec<&str> = Vec::new();
-    for row in rows {
-        if !out.contains(&row.variant.as_str()) {
-            out.push(&row.variant);
-        }
-    }
-    out
-}
-
 /// The paper's value of each variant in `rows`, and whether these are means over segments.
 fn paper_values(paper: &PaperTable, rows: &[Row], id: &str) -> (Vec<(String, f64)>, bool) {
-    let variants = variants(rows);
+    let variants = distinct(rows.iter().map(|row| row.variant.as_str()));
     let mut found: BTreeMap<&str, BTreeMap<&str, f64>> = BTreeMap::new();
     for (key, metrics) in &paper.rows {
         let value = metrics.get(id).copied().filter(|v| v.is_finite());

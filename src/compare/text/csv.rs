@@ -1,5 +1,6 @@
 //! All outcomes as comma-separated values, one line each, for other programs.
 
+use crate::compare::places::distinct;
 use crate::compare::results::{OutcomeState, ResultSet};
 use crate::csv::field;
 use std::collections::BTreeSet;
@@ -13,13 +14,8 @@ const FIXED: [&str; 7] = ["variant", "dataset", "device", "seed", "segment", "st
 #[must_use]
 pub fn csv(set: &ResultSet) -> String {
     let settings: BTreeSet<&String> = set.outcomes.iter().flat_map(|o| o.settings.keys()).collect();
-    let mut metrics: Vec<&String> = Vec::new();
     let others: BTreeSet<&String> = set.outcomes.iter().flat_map(|o| o.metrics.keys()).collect();
-    for id in set.metrics.iter().chain(others) {
-        if !metrics.contains(&id) {
-            metrics.push(id);
-        }
-    }
+    let metrics = distinct(set.metrics.iter().chain(others));
     let mut head: Vec<String> = FIXED.map(str::to_owned).to_vec();
     let named = settings.iter().map(|key| ("setting", *key)).chain(metrics.iter().map(|id| ("metric", *id)));
     for (kind, name) in named {

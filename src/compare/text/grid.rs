@@ -42,52 +42,49 @@ impl Grid {
 const NONE: &str = "–";
 
 /// Whether every row has the same number of runs, all of them measured.
-pub(super) fn is_complete(table: &Table) -> bool {
+pub(super) fn is_complete(table: &Table<'_>) -> bool {
     table.rows.iter().all(|row| row.done == row.outcomes() && row.done == table.rows[0].done)
 }
 
-/// Mean and deviation of each metric, and the number of runs if it differs between rows or some were not measured.
-#[must_use]
-pub fn results(table: &Table) -> Grid {
-    let complete = is_complete(table);
+/// Rows of their names and an entry for each metric.
+fn grid<'t>(
+    table: &Table<'_>,
+    rows: impl Iterator<Item = &'t Row>,
+    entry: impl Fn(&Column, &Cell, &Row) -> Entry,
+) -> Grid {
     let mut head = names_head(table);
     let words = head.len();
     head.extend(table.metrics.iter().map(heading));
-    if !complete {
-        head.push("runs".to_owned());
-    }
-    let rows = table.rows.iter().map(|row| {
+    let rows = rows.map(|row| {
         let mut entries = names(table, row);
-        entries.extend(table.metrics.iter().zip(&row.cells).map(|(m, cell)| value(m, cell, row)));
-        if !complete {
-            entries.push(runs(row).into());
-        }
+        entries.extend(table.metrics.iter().zip(&row.cells).map(|(metric, cell)| entry(metric, cell, row)));
         entries
     });
     Grid { head, rows: rows.collect(), words }
 }
 
+/// Mean and deviation of each metric, and the number of runs if it differs between rows or some were not measured.
+#[must_use]
+pub fn results(table: &Table<'_>) -> Grid {
+    let mut grid = grid(table, table.rows.iter(), value);
+    if !is_complete(table) {
+        grid.head.push("runs".to_owned());
+        grid.rows.iter_mut().zip(&table.rows).for_each(|(entries, row)| entries.push(runs(row).into()));
+    }
+    grid
+}
+
 /// Differences to the baseline with their intervals; `None` if there are none.
 #[must_use]
-pub fn differences(table: &Table) -> Option<Grid> {
-    if !table.has_differences() {
-        return None;
-    }
-    let mut head = names_head(table);
-    let words = head.len();
-    head.extend(table.metrics.iter().map(heading));
-    let rows = table.rows.iter().filter(|row| row.variant != table.baseline).map(|row| {
-        let mut entries = names(table, row);
-        entries.extend(table.metrics.iter().zip(&row.cells).map(|(m, cell)| difference(m, cell).into()));
-        entries
-    });
-    Some(Grid { head, rows: rows.collect(), words })
+pub fn differences(table: &Table<'_>) -> Option<Grid> {
+    let others = table.rows.iter().filter(|row| row.variant != table.set.baseline);
+    table.has_differences().then(|| grid(table, others, |metric, cell, _| difference(metric, cell).into()))
 }
 
 /// Headings of the columns that name a row.
-pub(super) fn names_head(table: &Table) -> Vec<String> {
+pub(super) fn names_head(table: &Table<'_>) -> Vec<String> {
     let shows = table.shows;
-    let variant = if table.head.is_empty() { "variant" } else { table.head.as_str() };
+    let variant = if table.set.head.is_empty() { "variant" } else { table.set.head.as_str() };
     [(shows.dataset, "dataset"), (shows.device, "device"), (shows.segment, "segment"), (true, variant)]
         .into_iter()
         .filter(|(on, _)| *on)
@@ -96,7 +93,7 @@ pub(super) fn names_head(table: &Table) -> Vec<String> {
 }
 
 /// The entries of a row in those columns.
-pub(super) fn names(table: &Table, row: &Row) -> Vec<Entry> {
+pub(super) fn names(table: &Table<'_>, row: &Row) -> Vec<Entry> {
     let shows = table.shows;
     let segment = if row.segment.is_empty() { "whole scene" } else { &row.segment };
     [(shows.dataset, &*row.dataset), (shows.device, &*row.device), (shows.segment, segment), (true, &*row.variant)]

@@ -8,9 +8,9 @@ use std::path::PathBuf;
 
 /// Returns an object of `set` (which can be read back), `columns`, `rows` with their cells by metric, and `orderings`.
 #[must_use]
-pub fn json(set: &ResultSet, table: &Table, orderings: &[Ordering]) -> Value {
+pub fn json(table: &Table<'_>, orderings: &[Ordering]) -> Value {
     json!({
-        "set": serde_json::to_value(writable(set)).unwrap_or_default(),
+        "set": serde_json::to_value(writable(table.set)).unwrap_or_default(),
         "columns": table.metrics,
         "rows": table.rows.iter().map(|r| row(&table.metrics, r)).collect::<Vec<_>>(),
         "orderings": orderings,

@@ -6,7 +6,7 @@ use crate::compare::table::{Cell, Row, Table};
 
 /// Writes a `table` with caption and label `tab:NAME`. Names of groups appear only in the first row of their group.
 #[must_use]
-pub fn latex(table: &Table) -> String {
+pub fn latex(table: &Table<'_>) -> String {
     let heads = names_head(table);
     let complete = is_complete(table);
     let columns = "l".repeat(heads.len()) + &"r".repeat(table.metrics.len() + usize::from(!complete));
@@ -14,7 +14,7 @@ pub fn latex(table: &Table) -> String {
     head.extend(table.metrics.iter().map(|metric| heading(table, metric)));
     head.extend((!complete).then(|| "runs".to_owned()));
     let groups: Vec<String> = table.groups().map(|rows| group(table, rows)).collect();
-    let label: String = table.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+    let label: String = table.set.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
     let lines = [
         r"% needs \usepackage{booktabs}".to_owned(),
         r"\begin{table}".to_owned(),
@@ -33,9 +33,9 @@ pub fn latex(table: &Table) -> String {
 }
 
 /// Title and note as sentences.
-fn caption(table: &Table) -> String {
+fn caption(table: &Table<'_>) -> String {
     let mut parts = Vec::new();
-    for text in [&table.title, &table.note].map(|text| text.trim()) {
+    for text in [&table.set.title, &table.set.note].map(|text| text.trim()) {
         if !text.is_empty() {
             let end = if text.ends_with(['.', '?', '!', ':']) { "" } else { "." };
             parts.push(escape(text) + end);
@@ -45,7 +45,7 @@ fn caption(table: &Table) -> String {
 }
 
 /// The paper's abbreviation, or the heading without its unit if two columns share the abbreviation.
-fn heading(table: &Table, metric: &Column) -> String {
+fn heading(table: &Table<'_>, metric: &Column) -> String {
     let shared = table.metrics.iter().filter(|m| m.short == metric.short).count() > 1;
     let text = escape(if shared { metric.name() } else { &metric.short });
     match metric.better {
@@ -55,7 +55,7 @@ fn heading(table: &Table, metric: &Column) -> String {
     }
 }
 
-fn group(table: &Table, rows: &[Row]) -> String {
+fn group(table: &Table<'_>, rows: &[Row]) -> String {
     let complete = is_complete(table);
     let mut out = String::new();
     for (i, row) in rows.iter().enumerate() {

@@ -6,21 +6,22 @@ use std::collections::BTreeSet;
 
 /// Writes the table as Markdown that is also readable as plain text.
 #[must_use]
-pub fn markdown(table: &Table, orderings: &[Ordering]) -> String {
+pub fn markdown(table: &Table<'_>, orderings: &[Ordering]) -> String {
     let mut parts = Vec::new();
-    if !table.title.is_empty() {
-        parts.push(format!("# {}", escape(&table.title)));
+    if !table.set.title.is_empty() {
+        parts.push(format!("# {}", escape(&table.set.title)));
     }
-    if !table.note.is_empty() {
-        parts.push(escape(&table.note));
+    if !table.set.note.is_empty() {
+        parts.push(escape(&table.set.note));
     }
     parts.push(if table.rows.is_empty() { "No runs.".to_owned() } else { grid(&results(table)) });
-    if !table.builds.is_empty() {
-        parts.push(escape(&table.builds));
+    let builds = table.set.builds();
+    if !builds.is_empty() {
+        parts.push(escape(&builds));
     }
     if let Some(found) = differences(table) {
         let sure = if table.has_intervals() { " (95 % confidence)" } else { "" };
-        parts.push(format!("## Difference to {}{sure}", escape(&table.baseline)));
+        parts.push(format!("## Difference to {}{sure}", escape(&table.set.baseline)));
         parts.push(grid(&found));
         parts.push(
             if table.has_intervals() {
@@ -50,7 +51,7 @@ fn list(items: impl IntoIterator<Item = String>) -> String {
 }
 
 /// One line per failed run, even if it was to be measured on many segments.
-fn failures(table: &Table) -> Vec<String> {
+fn failures(table: &Table<'_>) -> Vec<String> {
     let mut seen = BTreeSet::new();
     let mut out = Vec::new();
     for row in &table.rows {

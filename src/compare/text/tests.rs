@@ -13,7 +13,7 @@ fn judged() -> (ResultSet, String) {
     set.paper = paper(&[("L2", "psnr", 28.0), ("L1", "psnr", 26.0)]);
     set.outcomes[8].state = OutcomeState::Failed("out of\nmemory | 1 < 2".to_owned());
     let table = Table::new(&set);
-    let text = markdown(&table, &orderings(&set, &table));
+    let text = markdown(&table, &orderings(&table));
     (set, text)
 }
 
@@ -79,7 +79,7 @@ fn an_empty_set_is_written_as_empty_tables() {
     assert_eq!(markdown(&table, &[]), "No runs.\n");
     assert_eq!(csv(&nothing), "variant,dataset,device,seed,segment,state,run\n");
     assert!(latex(&table).contains("\\midrule\n    \\bottomrule"));
-    assert_eq!(json(&nothing, &table, &[])["rows"], serde_json::json!([]));
+    assert_eq!(json(&table, &[])["rows"], serde_json::json!([]));
     assert_eq!(differences(&table), None);
 }
 
@@ -103,7 +103,7 @@ fn csv_is_quoted_and_long() {
 fn json_has_rows_and_can_be_read_back() {
     let (mut set, _) = judged();
     let table = Table::new(&set);
-    let value = json(&set, &table, &orderings(&set, &table));
+    let value = json(&table, &orderings(&table));
     let row = &value["rows"][1];
     assert_eq!((row["variant"].as_str(), row["done"].as_u64()), (Some("L2+SSIM"), Some(3)));
     let cell = &row["metrics"]["psnr"];
@@ -116,7 +116,7 @@ fn json_has_rows_and_can_be_read_back() {
     assert_eq!(serde_json::from_value::<ResultSet>(value["set"].clone()).unwrap(), set);
     // non-finite values are omitted, so that the set can still be read
     set.outcomes[0].metrics.insert("psnr".to_owned(), f64::NAN);
-    let value = json(&set, &Table::new(&set), &[]);
+    let value = json(&Table::new(&set), &[]);
     assert!(serde_json::from_value::<ResultSet>(value["set"].clone()).is_ok());
 }
 

@@ -218,8 +218,8 @@ mod tests {
     use super::*;
     use crate::data::Camera;
     use crate::data::truth::LabelledView;
-    use crate::segment::balls::{add, rendering};
     use crate::segment::click::heaviest;
+    use crate::segment::test_support::{add, rendering};
     use glam::DVec3;
 
     #[test]

@@ -10,12 +10,12 @@ use crate::config::types::segment::ClickConfig;
 use crate::data::Camera;
 use crate::data::truth::LabelledView;
 use crate::device::DeviceName;
-use crate::segment::balls::{APART, COUNT, rendering};
 use crate::segment::baselines::saga::{SagaOptions, train as train_saga};
 use crate::segment::baselines::sagd::SagdView;
 use crate::segment::coarse::coarse;
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::network::Frame;
+use crate::segment::test_support::{APART, COUNT, rendering};
 use glam::DVec3;
 use std::collections::HashMap;
 

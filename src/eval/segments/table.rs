@@ -5,9 +5,8 @@ use super::method::Method;
 use super::result::{Means, Outcome, Row, SegmentEvaluation, SegmentResult};
 use crate::draw::plot::{Series, line_plot};
 use crate::draw::views::view_sheet;
-use crate::eval::results::WriteError;
 use crate::export::images::encode_png;
-use crate::files::{AtomicDir, FolderKind};
+use crate::files::{AtomicDir, FolderKind, WriteError};
 use std::fmt::Write as _;
 use std::path::Path;
 

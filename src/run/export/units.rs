@@ -80,6 +80,7 @@ pub(super) fn comments(calibration: &Calibration, units: Units, time: f64) -> Ve
 mod tests {
     use super::*;
     use crate::data::calibration::PhysicalTime;
+    use crate::user_error::UserError;
 
     fn space(scale: f64) -> PhysicalSpace {
         PhysicalSpace { centre: [1000.0, -5.0, 3.5], scale, unit: Some("mm".into()), axes: None }

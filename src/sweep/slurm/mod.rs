@@ -22,6 +22,7 @@ pub use script::{Job, script};
 pub use submit::{Submission, submissions, submit};
 
 use crate::log::jsonl::JsonlError;
+use crate::user_error::UserError;
 use crate::versioned::VersionedError;
 
 /// Why Slurm cannot be used.
@@ -113,6 +114,12 @@ pub enum SlurmError {
         /// The parser's error.
         source: VersionedError,
     },
+}
+
+impl UserError for SlurmError {
+    fn is_input(&self) -> bool {
+        !matches!(self, Self::Refused { .. } | Self::Answer { .. } | Self::Start { .. })
+    }
 }
 
 fn io_at(path: &Path) -> impl Fn(io::Error) -> SlurmError + '_ {

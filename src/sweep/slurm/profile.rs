@@ -8,7 +8,7 @@ use super::{SlurmError, io_at};
 use crate::files::read_settings;
 
 /// What a task may use, and how the program is called on the nodes.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Profile {
     /// Partition (queue); the cluster's default if not given.
@@ -33,33 +33,12 @@ pub struct Profile {
     pub setup: Vec<String>,
     /// Maximum number of tasks that run at once; as many as the cluster allows if not given.
     pub parallel: Option<u32>,
-    /// Seconds of warning before the time limit, in which the worker saves its checkpoint.
-    pub grace: u32,
+    /// Seconds of warning before the time limit, in which the worker saves its checkpoint; 120 if not given.
+    pub grace: Option<u32>,
     /// How the program is called on the nodes, as shell text; the absolute path of the running program if not given.
     pub command: Option<String>,
     /// Further options of `sbatch`, such as `--exclusive`, written verbatim.
     pub extra: Vec<String>,
-}
-
-impl Default for Profile {
-    fn default() -> Self {
-        Self {
-            partition: None,
-            account: None,
-            qos: None,
-            time: None,
-            memory: None,
-            cpus: None,
-            gpus: None,
-            constraint: None,
-            modules: Vec::new(),
-            setup: Vec::new(),
-            parallel: None,
-            grace: 120,
-            command: None,
-            extra: Vec::new(),
-        }
-    }
 }
 
 /// GPUs of a task.
@@ -94,6 +73,11 @@ impl Profile {
             .map_err(|source| SlurmError::Toml { path: path.to_path_buf(), source: Box::new(source) })?;
         profile.check().map_err(|(key, value, fix)| SlurmError::Key { path: path.to_path_buf(), key, value, fix })?;
         Ok(profile)
+    }
+
+    /// Seconds of warning before the time limit.
+    pub(super) fn grace(&self) -> u32 {
+        self.grace.unwrap_or(120)
     }
 
     /// The value of the option `--gres` for the GPUs.
@@ -132,7 +116,8 @@ impl Profile {
         if let Some(Gpus::Typed(text)) = &self.gpus {
             ensure(is_gpus(text), "gpus", text, "give a count such as 1, or \"TYPE:COUNT\" such as \"a100:1\"")?;
         }
-        ensure((1..=65535).contains(&self.grace), "grace", &self.grace, "give 1 to 65535 seconds, such as 120")?;
+        let grace = self.grace();
+        ensure((1..=65535).contains(&grace), "grace", &grace, "give 1 to 65535 seconds, such as 120")?;
         if let Some(time) = &self.time {
             let limit = seconds(time);
             ensure(
@@ -142,11 +127,11 @@ impl Profile {
                 "give \"HOURS:MINUTES:SECONDS\" or \"DAYS-HOURS:MINUTES:SECONDS\", such as \"02:00:00\"",
             )?;
             // otherwise every task would be stopped as soon as it starts, forever
-            let longer = limit.is_some_and(|s| s > u64::from(self.grace));
+            let longer = limit.is_some_and(|s| s > u64::from(grace));
             ensure(
                 longer,
                 "grace",
-                &self.grace,
+                &grace,
                 "make it shorter than `time`, leaving a worker enough time to make progress",
             )?;
         }
@@ -224,7 +209,7 @@ mod tests {
         )
         .unwrap();
         assert_eq!(profile.gres().as_deref(), Some("gpu:a100:2"));
-        assert_eq!((profile.cpus, profile.parallel, profile.grace), (Some(8), Some(50), 60));
+        assert_eq!((profile.cpus, profile.parallel, profile.grace()), (Some(8), Some(50), 60));
         assert_eq!(parse("gpus=2").unwrap().gres().as_deref(), Some("gpu:2"));
         assert_eq!(parse("gpus=0").unwrap().gres(), None);
     }

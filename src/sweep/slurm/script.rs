@@ -131,7 +131,7 @@ fn directives(job: &Job) -> Vec<(&'static str, String)> {
         ("output", format!("{log}/%A_%a.log")),
         ("open-mode", "append".to_owned()),
         ("requeue", String::new()),
-        ("signal", format!("B:USR1@{}", profile.grace)),
+        ("signal", format!("B:USR1@{}", profile.grace())),
         ("nodes", "1".to_owned()),
         ("ntasks", "1".to_owned()),
     ];

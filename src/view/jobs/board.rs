@@ -13,7 +13,7 @@ const MAX_LOSSES: usize = 200;
 const PAUSE: Duration = Duration::from_millis(250);
 
 /// The state of a job, as sent to clients.
-#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, JsonSchema)]
 pub struct JobState {
     /// Its number, by which it is cancelled.
     pub number: u64,
@@ -65,22 +65,8 @@ impl Board {
     /// Makes the board of a job that begins now.
     #[must_use]
     pub fn new(number: u64, title: String) -> Self {
-        let (losses, left, end, ago) = (Vec::new(), None, None, None);
-        let state = JobState {
-            number,
-            title,
-            unit: "",
-            done: 0,
-            all: 0,
-            seconds: 0.0,
-            left,
-            losses,
-            stopping: false,
-            end,
-            ago,
-        };
         Self {
-            state: Mutex::new(state),
+            state: Mutex::new(JobState { number, title, ..JobState::default() }),
             began: Instant::now(),
             stop: AtomicBool::new(false),
             version: AtomicU64::new(1),

@@ -5,12 +5,11 @@ pub mod board;
 pub mod export;
 pub mod task;
 
+use super::background::guarded;
 use super::hub::Hub;
 use crate::files::{LOCK_PATIENCE, Work};
 use crate::run::{OpenRun, RunError};
 use board::{Board, JobEnd, JobState, Reporter};
-use burn::tensor::Device;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -41,7 +40,7 @@ impl Jobs {
     ///
     /// # Errors
     /// If one is under way, the task is invalid, or the system gives no thread.
-    pub fn start(&mut self, run: OpenRun, device: &Device, task: Task) -> Result<(), String> {
+    pub fn start(&mut self, run: OpenRun, task: Task) -> Result<(), String> {
         task.check()?;
         if let Some(JobState { title, end: None, .. }) = self.state() {
             return Err(format!("{title}: is under way; wait until it ends, or cancel it"));
@@ -50,15 +49,12 @@ impl Jobs {
         let number = self.number + 1;
         let board = Arc::new(Board::new(number, task.to_string()));
         let mut report = Reporter::new(board.clone(), self.hub.clone());
-        let (shared, hub, device) = (board.clone(), self.hub.clone(), device.clone());
+        let (shared, hub) = (board.clone(), self.hub.clone());
         let work = move || {
-            // the viewer goes on, whatever goes wrong here
-            let done = catch_unwind(AssertUnwindSafe(|| carry_out(&task, &run, &device, &mut report)));
-            shared.end(match done {
-                Ok(Ok(Some(made))) => JobEnd::Done(made),
-                Ok(Ok(None)) => JobEnd::Stopped,
-                Ok(Err(error)) => JobEnd::Failed(error.to_string()),
-                Err(_) => JobEnd::Failed("an internal error stopped this; the viewer continues".into()),
+            shared.end(match guarded(|| carry_out(&task, &run, &mut report)) {
+                Ok(Some(made)) => JobEnd::Done(made),
+                Ok(None) => JobEnd::Stopped,
+                Err(error) => JobEnd::Failed(error.to_string()),
             });
             hub.wake();
         };
@@ -121,7 +117,7 @@ impl Drop for Jobs {
     }
 }
 
-fn carry_out(task: &Task, run: &OpenRun, device: &Device, report: &mut Reporter) -> Result<Option<String>, RunError> {
+fn carry_out(task: &Task, run: &OpenRun, report: &mut Reporter) -> Result<Option<String>, RunError> {
     let _lock = run.lock(&format!("volseggs view: {task}"), Work::Long, LOCK_PATIENCE)?;
-    task.carry_out(run, device, report)
+    task.carry_out(run, report)
 }

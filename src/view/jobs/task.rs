@@ -13,7 +13,6 @@ use crate::run::split::{SplitOptions, sheet, split};
 use crate::run::{OpenRun, RunError, affinity};
 use crate::segment::masks::origin::MaskKind;
 use crate::track::report::{PictureOptions, SHEET_CELL};
-use burn::tensor::Device;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::fmt;
@@ -165,7 +164,7 @@ impl Task {
     ///
     /// # Errors
     /// As the functions of [`crate::run`].
-    pub fn carry_out(&self, run: &OpenRun, device: &Device, report: &mut Reporter) -> Result<Option<String>, RunError> {
+    pub fn carry_out(&self, run: &OpenRun, report: &mut Reporter) -> Result<Option<String>, RunError> {
         match self {
             Self::Masks { segments, source, views, size, replace } => {
                 let kind = match source {
@@ -173,15 +172,15 @@ impl Task {
                     Source::Labels => MaskKind::Labels,
                 };
                 let request = MaskRequest { segments, kind: &kind, views: *views, time: None };
-                masks(run, &request, *size, *replace, device, report)
+                masks(run, &request, *size, *replace, report)
             }
-            Self::Fine { steps } => fine(run, *steps, device, report),
+            Self::Fine { steps } => fine(run, *steps, report),
             Self::Split { segment, scale, clusters, replace } => {
                 let (scale, clusters, replace) = (*scale, *clusters, *replace);
                 let options = SplitOptions { scale, clusters, seed: 0, replace };
-                parts(run, segment, &options, device, report)
+                parts(run, segment, &options, report)
             }
-            Self::Track { segments, group, frames } => track(run, segments, group.as_ref(), *frames, device, report),
+            Self::Track { segments, group, frames } => track(run, segments, group.as_ref(), *frames, report),
             Self::Export { format, segments, edited, time, frames } => {
                 let times = match *frames {
                     Some(n) => (0..n).map(|i| i as f64 / (n - 1).max(1) as f64).collect(),
@@ -198,7 +197,6 @@ fn masks(
     request: &MaskRequest<'_>,
     size: Option<u32>,
     replace: bool,
-    device: &Device,
     report: &mut Reporter,
 ) -> Result<Option<String>, RunError> {
     let path = run.paths().masks();
@@ -216,7 +214,7 @@ fn masks(
     let plan = MaskPlan::new(run, &around, request)?;
     let all = plan.pictures();
     let mut done = 0;
-    let made = make(run, &plan, device, || {
+    let made = make(run, &plan, &run.device(), || {
         done += 1;
         report.at("pictures", done, all, None)
     })?;
@@ -227,9 +225,9 @@ fn masks(
     }))
 }
 
-fn fine(run: &OpenRun, steps: usize, device: &Device, report: &mut Reporter) -> Result<Option<String>, RunError> {
+fn fine(run: &OpenRun, steps: usize, report: &mut Reporter) -> Result<Option<String>, RunError> {
     let options = AffinityConfig { steps, ..run.config.segment.affinity.clone() };
-    let trained = affinity::fit(run, &options, 0, device, |stage| match stage {
+    let trained = affinity::fit(run, &options, 0, |stage| match stage {
         affinity::Stage::Read { done, all } => report.at("views", done, all, None),
         affinity::Stage::Begins { .. } => report.at("steps", 0, steps, None),
         affinity::Stage::Step { done, loss } => report.at("steps", done, steps, Some(loss)),
@@ -237,19 +235,13 @@ fn fine(run: &OpenRun, steps: usize, device: &Device, report: &mut Reporter) -> 
     Ok(trained.map(|t| format!("the affinity field is trained, loss {:.4}: click to select", t.loss)))
 }
 
-fn parts(
-    run: &OpenRun,
-    segment: &str,
-    options: &SplitOptions,
-    device: &Device,
-    report: &Reporter,
-) -> Result<Option<String>, RunError> {
+fn parts(run: &OpenRun, segment: &str, options: &SplitOptions, report: &Reporter) -> Result<Option<String>, RunError> {
     let mut segments = RunSegments::open(run)?;
-    let Some(parts) = split(run, &mut segments, segment, options, device, &|| report.goes_on())? else {
+    let Some(parts) = split(run, &mut segments, segment, options, &|| report.goes_on())? else {
         return Ok(None);
     };
     segments.save()?;
-    let picture = sheet(run, &run.record.surroundings, &parts, device);
+    let picture = sheet(run, &run.record.surroundings, &parts);
     write_picture(&run.paths().segment_sheet(segment), &picture)?;
     Ok(Some(format!("{segment} has {} parts", parts.names.len())))
 }
@@ -259,7 +251,6 @@ fn track(
     segments: &[String],
     group: Option<&Name>,
     frames: usize,
-    device: &Device,
     report: &mut Reporter,
 ) -> Result<Option<String>, RunError> {
     let full = run.record.surroundings;
@@ -279,7 +270,7 @@ fn track(
         out: None,
     };
     let mut done = [0, 0];
-    let found = follow(run, &request, device, |stage| {
+    let found = follow(run, &request, |stage| {
         let (k, unit) = match stage {
             FollowStage::Followed => (0, "times tracked"),
             FollowStage::Drawn => (1, "times drawn"),

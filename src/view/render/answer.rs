@@ -53,8 +53,7 @@ impl Renderer {
                 let started = Instant::now();
                 let view = client.still().map_err(wrong)?;
                 let (size, time) = (view.size, view.time);
-                let (run, device) = (&self.space.run, &self.space.device);
-                let bytes = SavedView::picture(run, view, PICTURE_FILE, device).map_err(wrong)?;
+                let bytes = SavedView::picture(&self.space.shown.run, view, PICTURE_FILE).map_err(wrong)?;
                 let (codec, revision) = (Codec::Png, self.space.revision());
                 let (render_ms, encode_ms) = (1e3 * started.elapsed().as_secs_f32(), 0.0);
                 let kind = FrameKind::Still;
@@ -67,11 +66,11 @@ impl Renderer {
                 let json = serde_json::to_string(&view).map_err(|e| wrong(RunError::failure(e)))?;
                 client.answer(Answer::Command {
                     id: number,
-                    command: command(&self.space.run, "--view", &json, "still"),
+                    command: command(&self.space.shown.run, "--view", &json, "still"),
                 });
             }
             Request::Views { id: number } => {
-                let views = self.space.run.test_views().map_err(|e| (Some(number), e.to_string()))?;
+                let views = self.space.shown.run.test_views().map_err(|e| (Some(number), e.to_string()))?;
                 client.answer(Answer::Views { id: number, views });
             }
             Request::Path { id: number, keys, frames } => {
@@ -81,7 +80,7 @@ impl Renderer {
                 if frames > MAX_CAMERAS {
                     return Err(wrong(format!("frames: at most {MAX_CAMERAS}")));
                 }
-                let file = Box::new(SavedPath::new(&self.space.run, shown, keys, PATH_FILE));
+                let file = Box::new(SavedPath::new(&self.space.shown.run, shown, keys, PATH_FILE));
                 client.answer(Answer::Path { id: number, frames: path.frames(frames).collect(), file });
             }
             Request::Clear => client.clear(),
@@ -114,11 +113,11 @@ impl Renderer {
                     Ok(run) => run,
                     Err(error) => return self.ended(id, number, Err(error)),
                 };
-                self.jobs.start(run, &self.space.device, task).map_err(|e| (Some(number), e))?;
+                self.jobs.start(run, task).map_err(|e| (Some(number), e))?;
                 client.answer(Answer::Done { id: number });
             }
             Request::Track { id: number, segments, times } => {
-                let run = self.space.run.share();
+                let run = self.space.shown.run.share();
                 let request = TrackRequest { client: id, id: number, segments, times, run };
                 self.tracks.ask(request).map_err(|e| (Some(number), e))?;
             }

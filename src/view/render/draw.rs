@@ -74,7 +74,7 @@ impl Renderer {
         let sent = match (compare, compare.other(view, client.range())) {
             (_, Some(other)) => self.frame(id, &other, next, compare.side())?,
             (Compare::Image { view: number }, None) if client.image != Some(number) => {
-                let image = self.space.run.test_image(number)?;
+                let image = self.space.shown.run.test_image(number)?;
                 client.image = Some(number);
                 let info = self.info(FrameKind::Image, number as u32, view.time, 0.0);
                 Picture::new(info, image, None)
@@ -105,14 +105,14 @@ impl Renderer {
         let kind = if side == Side::Picture { FrameKind::Picture } else { FrameKind::Other };
         let dragged = client.preview.is_some() && side == Side::Picture;
         let (look, key) = client.look(space, view, side)?;
-        let (scene, device) = (&space.run.scene, &space.device);
+        let scene = &space.shown.run.scene;
         // colours depend on the scale too, which a look's first frame sets
         let whole = |look: &Look| look.settled().map(|scale| format!("{} {key} {scale}", view.time));
         let known = whole(look).and_then(|key| self.cache.get(&key));
         let prepared = match known {
             Some(prepared) => prepared,
             None => {
-                let prepared = look.prepare(scene, view.time as f32, device)?;
+                let prepared = look.prepare(scene, view.time as f32)?;
                 // the steps of a drag are not shown again
                 if let Some(key) = whole(look).filter(|_| !dragged) {
                     self.cache.put(key, prepared.clone());
@@ -121,9 +121,9 @@ impl Renderer {
             }
         };
         let key = whole(look).unwrap_or_else(|| format!("{} {key}", view.time));
-        let prepared = client.highlighted(&key, prepared, side, device);
+        let prepared = client.highlighted(&key, prepared, side);
         let (look, _) = client.look(space, view, side)?;
-        let image = look.draw(scene, &prepared, camera.to_kernel(), device);
+        let image = look.draw(scene, &prepared, camera.to_kernel());
         let rgb = to_rgb8(&image, camera.width as usize, camera.height as usize);
         let render_ms = 1e3 * started.elapsed().as_secs_f32();
         Ok(Picture::new(self.info(kind, number, view.time, render_ms), rgb, quality))

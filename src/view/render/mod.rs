@@ -4,7 +4,7 @@
 mod answer;
 mod draw;
 
-use super::background::BackgroundChanges;
+use super::background::{BackgroundChanges, INTERNAL_ERROR};
 use super::cache::Cache;
 use super::client::Client;
 use super::compare::Side;
@@ -65,29 +65,24 @@ impl Renderer {
     /// they compare. Deformed Gaussians are cached, up to `cache` bytes for all together.
     #[must_use]
     pub fn new(space: Workspace, others: Vec<Other>, cache: usize, hub: Arc<Hub>) -> Self {
-        let (jobs, tracks, background) =
-            (Jobs::new(hub.clone()), Tracks::new(hub.clone()), BackgroundChanges::new(hub.clone()));
-        let (watch, announced) = (Watch::default(), (space.run.step(), space.field().is_some()));
-        // without a thread of its own, drawing is not limited
-        let share = space.live().and_then(|_| Share::new().ok()).map(Arc::new);
-        let (cache, clients, now) = (Cache::new(cache), BTreeMap::new(), Instant::now());
-        let (last, rests, changed, looked) = (0, now, now, now);
+        let now = Instant::now();
         Self {
-            space,
             others,
-            cache,
-            clients,
-            last,
-            jobs,
-            tracks,
-            background,
-            watch,
-            announced,
+            cache: Cache::new(cache),
+            clients: BTreeMap::new(),
+            last: 0,
+            jobs: Jobs::new(hub.clone()),
+            tracks: Tracks::new(hub.clone()),
+            background: BackgroundChanges::new(hub.clone()),
+            watch: Watch::default(),
+            announced: (space.shown.run.step(), space.shown.field.is_some()),
             hub,
-            share,
-            rests,
-            changed,
-            looked,
+            // without a thread of its own, drawing is not limited
+            share: space.live().and_then(|_| Share::new().ok()).map(Arc::new),
+            rests: now,
+            changed: now,
+            looked: now,
+            space,
         }
     }
 
@@ -154,7 +149,7 @@ impl Renderer {
         }
         let mut message = "The viewer was closed.".to_owned();
         if let Some(ended) = self.space.live().and_then(|live| live.ended()) {
-            message = format!("{ended} `volseggs view {}` shows the run.", shell::path(&self.space.run.path));
+            message = format!("{ended} `volseggs view {}` shows the run.", shell::path(&self.space.shown.run.path));
             self.look_at_files();
             self.tell_of_training(true);
             let views: Vec<_> = self.clients.iter().filter_map(|(id, c)| Some((*id, c.view.clone()?))).collect();
@@ -186,9 +181,8 @@ impl Renderer {
             Event::Message(request) => {
                 // the other clients go on, whatever goes wrong here
                 let answered = catch_unwind(AssertUnwindSafe(|| self.answer(id, *request)));
-                let wrong = answered
-                    .unwrap_or_else(|_| Err((None, "an internal error stopped this; the viewer continues".into())));
-                if let (Err((number, message)), Some(client)) = (wrong, self.clients.get_mut(&id)) {
+                let answered = answered.unwrap_or_else(|_| Err((None, INTERNAL_ERROR.to_owned())));
+                if let (Err((number, message)), Some(client)) = (answered, self.clients.get_mut(&id)) {
                     client.answer(Answer::Error { id: number, message });
                 }
             }
@@ -196,8 +190,8 @@ impl Renderer {
     }
 
     fn welcome(&self) -> Answer {
-        let run = &self.space.run;
-        let around = &self.space.around;
+        let run = &self.space.shown.run;
+        let around = &run.record.surroundings;
         Answer::Welcome {
             version: env!("CARGO_PKG_VERSION"),
             run: run.path.display().to_string(),
@@ -209,19 +203,19 @@ impl Renderer {
             fov: around.lens.fov_x,
             size: [around.lens.width, around.lens.height],
             others: self.others.iter().map(|other| other.describe(run)).collect(),
-            clicks: self.space.field().is_some(),
+            clicks: self.space.shown.field.is_some(),
             read_only: self.space.read_only(),
             in_training: self.space.live().is_some(),
             can_pause: self.space.can_pause().is_ok(),
             calibration: Box::new(run.calibration().clone()),
             units: Box::new(run.calibration().into()),
-            note: self.space.fault().map(str::to_owned),
+            note: self.space.shown.fault.clone(),
         }
     }
 
     fn tell_document(&mut self) {
         self.cache.clear();
-        let now = (self.space.run.step(), self.space.field().is_some());
+        let now = (self.space.shown.run.step(), self.space.shown.field.is_some());
         if now != self.announced {
             let newer = now.0 != self.announced.0;
             self.announced = now;
@@ -246,12 +240,12 @@ impl Renderer {
             Err(error) => self.tell_all(&Answer::Error { id: None, message: error.to_string() }),
         }
         for k in 0..self.others.len() {
-            let step = self.others[k].space.run.step();
+            let step = self.others[k].space.shown.run.step();
             match self.others[k].space.refresh() {
                 Ok(false) => {}
                 Ok(true) => {
                     self.cache.clear();
-                    let newer = self.others[k].space.run.step() != step;
+                    let newer = self.others[k].space.shown.run.step() != step;
                     if newer {
                         self.tell_all(&self.welcome());
                     }
@@ -270,14 +264,14 @@ impl Renderer {
     fn show_newer(&mut self) {
         self.changed = Instant::now();
         self.cache.clear();
-        self.announced.0 = self.space.run.step();
+        self.announced.0 = self.space.shown.run.step();
         self.clients.values_mut().for_each(Client::clear);
     }
 
     /// Reports the progress of the run's training, at once if that is `urgent`.
     fn tell_of_training(&mut self, urgent: bool) {
         let live = self.space.live().map(|live| live.progress());
-        if let Some(training) = self.watch.check(&self.space.run, live, urgent) {
+        if let Some(training) = self.watch.check(&self.space.shown.run, live, urgent) {
             let news = Answer::Training(Box::new(training.clone()));
             self.tell_all(&news);
         }

@@ -27,7 +27,7 @@ impl Workspace {
         let lock = self.begin(base, PATIENCE)?;
         let towards = |undo: bool| if undo { Towards::Undo } else { Towards::Redo };
         let steps = self.steps();
-        let mut segments = self.segments.clone();
+        let mut segments = self.shown.segments.clone();
         let last;
         let change = match change {
             Change::Last { undo } => {
@@ -39,16 +39,16 @@ impl Workspace {
         match change {
             Change::Edit { segments, operation } => {
                 let edit = Edit { segments: segments.clone(), operation: operation.clone() };
-                self.edits = edits::push(&self.run, edit)?.0;
+                self.shown.edits = edits::push(&self.shown.run, edit)?.0;
                 return self.end(lock, steps, None);
             }
             Change::Edits { undo } => {
-                self.edits = edits::step(&self.run, towards(*undo), 1)?;
+                self.shown.edits = edits::step(&self.shown.run, towards(*undo), 1)?;
                 return self.end(lock, steps, None);
             }
-            Change::Coarse { time, clusters } => coarse(&self.run, &mut segments, *time, *clusters)?,
+            Change::Coarse { time, clusters } => coarse(&self.shown.run, &mut segments, *time, *clusters)?,
             Change::Group { name, segments: of } => segments.group(name, of)?,
-            Change::Rename { segment, name } => segments.rename(&self.run, segment, name)?,
+            Change::Rename { segment, name } => segments.rename(&self.shown.run, segment, name)?,
             Change::Remove { segments: of } => drop(segments.remove(of)?),
             Change::Segments { undo } => drop(segments.step(towards(*undo), 1)?),
             Change::Last { .. } => {}
@@ -61,7 +61,7 @@ impl Workspace {
     /// # Errors
     /// If nothing may be changed, or the document has another revision by now.
     pub fn copy(&mut self, base: u64) -> Result<(OpenRun, RunSegments), ChangeError> {
-        Ok((self.for_work(base)?, self.segments.clone()))
+        Ok((self.for_work(base)?, self.shown.segments.clone()))
     }
 
     /// Replaces the segments by a changed [`Self::copy`] of revision `base`.
@@ -81,7 +81,7 @@ impl Workspace {
         if self.newer.is_under_way() || self.unread().is_some() {
             return Err(ChangeError::Reading);
         }
-        let lock = self.run.lock(COMMAND, Work::Short, patience)?;
+        let lock = self.shown.run.lock(COMMAND, Work::Short, patience)?;
         self.check(base)?;
         Ok(lock)
     }
@@ -91,12 +91,12 @@ impl Workspace {
         let mut names = Vec::new();
         if let Some(mut segments) = segments {
             segments.save()?;
-            names = renamed(self.segments.now(), segments.now());
-            self.segments = segments;
+            names = renamed(self.shown.segments.now(), segments.now());
+            self.shown.segments = segments;
             // edits of a renamed segment now have its new name
-            self.edits = self.run.edits()?;
+            self.shown.edits = self.shown.run.edits()?;
         }
-        let before = std::mem::replace(&mut self.seen, stamps(&self.run));
+        let before = std::mem::replace(&mut self.shown.seen, stamps(&self.shown.run));
         self.note(steps, before);
         (self.renamed, self.revision) = (names, self.revision + 1);
         drop(lock);

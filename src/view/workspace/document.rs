@@ -20,7 +20,7 @@ impl Workspace {
         if segments.is_empty() {
             return Err(RunError::input("segments: name at least one"));
         }
-        let centre = Selection::open(&self.run, segments, true)?.centre(&self.run.scene, time as f32)?;
+        let centre = Selection::open(&self.shown.run, segments, true)?.centre(&self.shown.run.scene, time as f32)?;
         centre.ok_or_else(|| RunError::input(format!("{}: no Gaussians", segments.join(", "))))
     }
 
@@ -28,18 +28,18 @@ impl Workspace {
     #[must_use]
     pub fn document(&self) -> Document {
         let row = |(depth, s): (usize, &Segment)| {
-            let Total { rgb, opacity, hidden } = self.edits.total(&s.name);
+            let Total { rgb, opacity, hidden } = self.shown.edits.total(&s.name);
             let (name, gaussians) = (s.name.to_string(), s.members.len());
             SegmentRow { name, depth, colour: s.colour, gaussians, time: s.time, rgb, opacity, hidden }
         };
-        let step = |towards| self.segments.steps(towards).first().map(|s| (*s).to_owned());
+        let step = |towards| self.shown.segments.steps(towards).first().map(|s| (*s).to_owned());
         Document {
             revision: self.revision,
             renamed: self.renamed.clone(),
-            segments: self.segments.now().tree().into_iter().map(row).collect(),
-            edits: self.edits.operations.iter().map(|edit| edit.line(self.run.calibration())).collect(),
+            segments: self.shown.segments.now().tree().into_iter().map(row).collect(),
+            edits: self.shown.edits.operations.iter().map(|edit| edit.line(self.shown.run.calibration())).collect(),
             segment_steps: [step(Towards::Undo), step(Towards::Redo)],
-            edit_steps: [!self.edits.operations.is_empty(), !self.edits.undone.is_empty()],
+            edit_steps: [!self.shown.edits.operations.is_empty(), !self.shown.edits.undone.is_empty()],
         }
     }
 }

@@ -50,9 +50,7 @@ impl Axis {
     /// Round positions of the ticks, about five.
     pub(super) fn ticks(&self) -> Vec<f64> {
         let raw = self.high / 5.0 - self.low / 5.0;
-        let power = 10f64.powf(raw.log10().floor());
-        let nice = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * power);
-        let mut step = nice.into_iter().find(|s| *s >= raw * 0.999).unwrap_or(raw);
+        let mut step = super::round_step(raw);
         if self.log && self.high - self.low >= 1.0 {
             step = step.max(1.0).round();
         }

@@ -4,6 +4,7 @@
 //! file is for users, and for deciding between waiting and giving up.
 
 use super::atomic::clean_stale;
+use crate::user_error::UserError;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -84,6 +85,12 @@ pub enum LockError {
         /// The system's error.
         source: io::Error,
     },
+}
+
+impl UserError for LockError {
+    fn is_input(&self) -> bool {
+        !matches!(self, Self::Io { .. })
+    }
 }
 
 /// The right to write to a run, until it is dropped.

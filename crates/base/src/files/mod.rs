@@ -12,5 +12,5 @@ mod run_paths;
 pub use atomic::{AtomicDir, AtomicFile, remove_whole, write_atomic, write_named};
 pub use lock::{Holder, LOCK_PATIENCE, LockError, RunLock, Work};
 pub use open::{NotText, decode_text, is_user_error, leads_out, open_regular, read_regular, read_settings, read_text};
-pub use replace::{FolderKind, MARK, ReplaceError, check_file, has_mark, same_file};
+pub use replace::{FolderKind, MARK, ReplaceError, WriteError, check_file, has_mark, same_file};
 pub use run_paths::RunPaths;

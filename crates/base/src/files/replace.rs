@@ -3,6 +3,8 @@
 //! Every replacement goes through here. A folder is recognised by its [`FolderKind`]: a marker in it, and no file that
 //! the program does not put there. A file is recognised by [`MARK`] among its first bytes, or as its last.
 
+use crate::user_error::UserError;
+use std::fmt::Display;
 use std::fs;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -62,11 +64,40 @@ pub enum ReplaceError {
     },
 }
 
-impl ReplaceError {
+impl UserError for ReplaceError {
     /// Whether the user can fix it with another name.
-    #[must_use]
-    pub fn is_input(&self) -> bool {
+    fn is_input(&self) -> bool {
         !matches!(self, Self::Io { .. })
+    }
+}
+
+/// Why results were not written.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// Something else is where they belong.
+    #[error(transparent)]
+    Replace(#[from] ReplaceError),
+    /// A file could not be written.
+    #[error("{}: {reason}", path.display())]
+    File {
+        /// The file, or its folder.
+        path: PathBuf,
+        /// The reason.
+        reason: String,
+    },
+}
+
+impl UserError for WriteError {
+    /// Whether the user can fix it by making room.
+    fn is_input(&self) -> bool {
+        matches!(self, Self::Replace(error) if error.is_input())
+    }
+}
+
+impl WriteError {
+    /// Returns a conversion to the error of a file.
+    pub fn at<E: Display>(path: &Path) -> impl Fn(E) -> Self {
+        move |e| Self::File { path: path.to_owned(), reason: e.to_string() }
     }
 }
 

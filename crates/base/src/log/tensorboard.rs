@@ -3,7 +3,6 @@
 //! A file is a sequence of TFRecords, each a length and a payload with masked CRC-32C checksums; a payload is a
 //! protobuf `Event`, encoded here by hand as only a few fields are used.
 
-mod crc;
 mod hparams;
 #[cfg(test)]
 mod tests;
@@ -61,9 +60,7 @@ impl EventWriter {
         );
         let out = BufWriter::new(File::create_new(dir.join(name))?);
         let mut writer = Self { out };
-        let mut version = Message::default();
-        version.bytes(field::FILE_VERSION, b"brain.Event:2");
-        writer.event(0, &version)?;
+        writer.event(0, &Message::default().bytes(field::FILE_VERSION, b"brain.Event:2"))?;
         writer.flush()?;
         Ok(writer)
     }
@@ -75,10 +72,8 @@ impl EventWriter {
     /// Any error of the file system.
     pub fn resume(dir: &Path, first_step: u64) -> io::Result<Self> {
         let mut writer = Self::create(dir)?;
-        let (mut session, mut event) = (Message::default(), Message::default());
-        session.varint(field::STATUS, SESSION_START);
-        event.bytes(field::SESSION_LOG, &session.0);
-        writer.event(first_step, &event)?;
+        let session = Message::default().varint(field::STATUS, SESSION_START);
+        writer.event(first_step, &Message::default().bytes(field::SESSION_LOG, session))?;
         writer.flush()?;
         Ok(writer)
     }
@@ -88,10 +83,7 @@ impl EventWriter {
     /// # Errors
     /// Any error of the file system.
     pub fn scalar(&mut self, step: u64, tag: &str, value: f32) -> io::Result<()> {
-        let mut entry = Message::default();
-        entry.bytes(field::TAG, tag.as_bytes());
-        entry.float(field::SIMPLE_VALUE, value);
-        self.summary(step, &entry)
+        self.summary(step, Message::default().bytes(field::TAG, tag).float(field::SIMPLE_VALUE, value))
     }
 
     /// Appends an image `[height, width, 3]` of 8-bit RGB.
@@ -109,14 +101,9 @@ impl EventWriter {
         }
         let mut png = Vec::new();
         PngEncoder::new(&mut png).write_image(rgb, width, height, ExtendedColorType::Rgb8).map_err(io::Error::other)?;
-        let (mut picture, mut entry) = (Message::default(), Message::default());
-        picture.varint(field::HEIGHT, u64::from(height));
-        picture.varint(field::WIDTH, u64::from(width));
-        picture.varint(field::COLORSPACE, COLORSPACE_RGB);
-        picture.bytes(field::ENCODED_IMAGE, &png);
-        entry.bytes(field::TAG, tag.as_bytes());
-        entry.bytes(field::IMAGE, &picture.0);
-        self.summary(step, &entry)
+        let size = Message::default().varint(field::HEIGHT, u64::from(height)).varint(field::WIDTH, u64::from(width));
+        let picture = size.varint(field::COLORSPACE, COLORSPACE_RGB).bytes(field::ENCODED_IMAGE, png);
+        self.summary(step, Message::default().bytes(field::TAG, tag).bytes(field::IMAGE, picture))
     }
 
     /// Passes everything written to the system, for a TensorBoard that watches the file.
@@ -127,24 +114,25 @@ impl EventWriter {
         self.out.flush()
     }
 
-    fn summary(&mut self, step: u64, entry: &Message) -> io::Result<()> {
-        let (mut summary, mut event) = (Message::default(), Message::default());
-        summary.bytes(field::VALUE, &entry.0);
-        event.bytes(field::SUMMARY, &summary.0);
-        self.event(step, &event)
+    fn summary(&mut self, step: u64, entry: Message) -> io::Result<()> {
+        let summary = Message::default().bytes(field::VALUE, entry);
+        self.event(step, &Message::default().bytes(field::SUMMARY, summary))
     }
 
     fn event(&mut self, step: u64, content: &Message) -> io::Result<()> {
-        let mut event = Message::default();
-        event.double(field::WALL_TIME, now());
-        event.varint(field::STEP, step);
+        let mut event = Message::default().double(field::WALL_TIME, now()).varint(field::STEP, step);
         event.0.extend(&content.0);
         let length = (event.0.len() as u64).to_le_bytes();
         self.out.write_all(&length)?;
-        self.out.write_all(&crc::masked(&length).to_le_bytes())?;
+        self.out.write_all(&masked(&length).to_le_bytes())?;
         self.out.write_all(&event.0)?;
-        self.out.write_all(&crc::masked(&event.0).to_le_bytes())
+        self.out.write_all(&masked(&event.0).to_le_bytes())
     }
+}
+
+/// The CRC-32C of these bytes with the mask that TFRecords put on it.
+fn masked(bytes: &[u8]) -> u32 {
+    crc32c::crc32c(bytes).rotate_right(15).wrapping_add(0xa282_ead8)
 }
 
 /// Seconds since 1970.
@@ -156,6 +144,12 @@ fn now() -> f64 {
 /// A protobuf message under construction.
 #[derive(Debug, Default)]
 struct Message(Vec<u8>);
+
+impl AsRef<[u8]> for Message {
+    fn as_ref(&self) -> &[u8] {
+        &self.0
+    }
+}
 
 impl Message {
     fn raw(&mut self, mut value: u64) {
@@ -170,24 +164,28 @@ impl Message {
         self.raw(u64::from(field << 3 | wire));
     }
 
-    fn varint(&mut self, field: u32, value: u64) {
+    fn varint(mut self, field: u32, value: u64) -> Self {
         self.key(field, 0);
         self.raw(value);
+        self
     }
 
-    fn double(&mut self, field: u32, value: f64) {
+    fn double(mut self, field: u32, value: f64) -> Self {
         self.key(field, 1);
         self.0.extend(value.to_le_bytes());
+        self
     }
 
-    fn bytes(&mut self, field: u32, value: &[u8]) {
+    fn bytes(mut self, field: u32, value: impl AsRef<[u8]>) -> Self {
         self.key(field, 2);
-        self.raw(value.len() as u64);
-        self.0.extend(value);
+        self.raw(value.as_ref().len() as u64);
+        self.0.extend(value.as_ref());
+        self
     }
 
-    fn float(&mut self, field: u32, value: f32) {
+    fn float(mut self, field: u32, value: f32) -> Self {
         self.key(field, 5);
         self.0.extend(value.to_le_bytes());
+        self
     }
 }

@@ -1,5 +1,5 @@
-//! Connected components of points within one radius, or of Gaussians that touch. The neighbour grid lives in
-//! `neighbours`, the sets in `union_find`; `track` joins components over time.
+//! Connected components of Gaussians that touch. The neighbour grid lives in `neighbours`, the sets in `union_find`;
+//! `track` joins components over time.
 
 use super::chunks::{finite, point};
 use super::error::{PointsError, check_len, check_positive, rows};
@@ -36,24 +36,6 @@ pub struct Components {
     pub counts: Vec<u32>,
     /// `[C]`: total weight of each component.
     pub weights: Vec<f64>,
-}
-
-/// Joins `points` `[M, 3]` that lie within `radius` of each other (inclusive, scene units).
-///
-/// `weights` `[M]` (empty for 1 each) affect the filter alone. Non-finite points get label 0.
-///
-/// # Errors
-/// Slices of the wrong length; a radius that is not positive and finite; points spread over more than 2^30 radii.
-pub fn components_within(
-    points: &[f32],
-    weights: &[f32],
-    radius: f32,
-    filter: &ComponentFilter,
-) -> Result<Components, PointsError> {
-    let count = check(points, weights)?;
-    check_positive("radius", radius)?;
-    // each point is a ball of half the radius
-    join(points, &vec![0.5 * radius; count], 1.0, weights, filter)
 }
 
 /// Joins Gaussians that touch: `distance <= factor * (radius_i + radius_j)`.
@@ -220,6 +202,24 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
     use volseggs_testing::generator;
+
+    /// Joins `points` `[M, 3]` that lie within `radius` of each other (inclusive, scene units).
+    ///
+    /// `weights` `[M]` (empty for 1 each) affect the filter alone. Non-finite points get label 0.
+    ///
+    /// # Errors
+    /// Slices of the wrong length; a radius that is not positive and finite; points spread over more than 2^30 radii.
+    fn components_within(
+        points: &[f32],
+        weights: &[f32],
+        radius: f32,
+        filter: &ComponentFilter,
+    ) -> Result<Components, PointsError> {
+        let count = check(points, weights)?;
+        check_positive("radius", radius)?;
+        // each point is a ball of half the radius
+        join(points, &vec![0.5 * radius; count], 1.0, weights, filter)
+    }
 
     fn brute(points: &[f32], radii: &[f32], factor: f32) -> Vec<u32> {
         let sets = UnionFind::new(radii.len());

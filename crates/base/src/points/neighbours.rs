@@ -30,11 +30,9 @@ pub struct Grid {
     /// x of each occupied cell and its first sorted point; `starts` has one entry more.
     columns: Vec<u32>,
     starts: Vec<u32>,
-    /// `(z, y)` of each occupied row and its first cell; `row_starts` has one entry more.
+    /// `(z, y)` of each occupied row, ascending, and its first cell; `row_starts` has one entry more.
     row_keys: Vec<u64>,
     row_starts: Vec<u32>,
-    /// Open addressing: row number + 1 by hash of its key, 0 for free.
-    table: Vec<u32>,
 }
 
 impl Grid {
@@ -89,7 +87,6 @@ impl Grid {
             starts: vec![0],
             row_keys: Vec::new(),
             row_starts: vec![0],
-            table: Vec::new(),
         };
         let mut keys: Vec<(u64, u32, u32)> = keep
             .par_iter()
@@ -97,7 +94,7 @@ impl Grid {
             .map(|&i| {
                 let p = point(points, i as usize);
                 let [x, y, z] = [0, 1, 2].map(|a| grid.coordinate(f64::from(p[a]), a));
-                ((u64::from(z) << 32) | u64::from(y), x, i)
+                (row_key(y, z), x, i)
             })
             .collect();
         keys.par_sort_unstable();
@@ -123,32 +120,7 @@ impl Grid {
             grid.row_starts.push(grid.columns.len() as u32);
             grid.top = [0, 1, 2].map(|a| grid.coordinate(high[a], a));
         }
-        grid.fill_table();
         grid
-    }
-
-    fn fill_table(&mut self) {
-        let size = (2 * self.row_keys.len()).next_power_of_two().max(2);
-        self.table = vec![0; size];
-        for (row, &key) in self.row_keys.iter().enumerate() {
-            let mut at = hash(key) & (size - 1);
-            while self.table[at] != 0 {
-                at = (at + 1) & (size - 1);
-            }
-            self.table[at] = row as u32 + 1;
-        }
-    }
-
-    fn find_row(&self, key: u64) -> Option<usize> {
-        let mask = self.table.len() - 1;
-        let mut at = hash(key) & mask;
-        loop {
-            match self.table[at] {
-                0 => return None,
-                row if self.row_keys[row as usize - 1] == key => return Some(row as usize - 1),
-                _ => at = (at + 1) & mask,
-            }
-        }
     }
 
     /// Monotone in `value`, so that range look-ups are complete.
@@ -210,23 +182,21 @@ impl Grid {
             let end = start + columns[start..].iter().take_while(|&&x| x <= to[0]).count();
             start == end || each(first + start..first + end)
         };
-        let asked = u64::from(to[1] - from[1] + 1) * u64::from(to[2] - from[2] + 1);
-        if asked > self.row_keys.len() as u64 {
-            for (row, &key) in self.row_keys.iter().enumerate() {
-                let (y, z) = (key as u32, (key >> 32) as u32);
-                if (from[1]..=to[1]).contains(&y) && (from[2]..=to[2]).contains(&z) && !run(row) {
-                    return;
-                }
+        let from_row = |y: u32, z: u32| self.row_keys.partition_point(|&key| key < row_key(y, z));
+        let mut row = from_row(from[1], from[2]);
+        while let Some(&key) = self.row_keys.get(row) {
+            let (y, z) = (key as u32, (key >> 32) as u32);
+            if z > to[2] {
+                return;
             }
-            return;
-        }
-        for z in from[2]..=to[2] {
-            for y in from[1]..=to[1] {
-                if let Some(row) = self.find_row((u64::from(z) << 32) | u64::from(y))
-                    && !run(row)
-                {
-                    return;
-                }
+            if y < from[1] {
+                row = from_row(from[1], z);
+            } else if y > to[1] {
+                row = from_row(from[1], z + 1);
+            } else if run(row) {
+                row += 1;
+            } else {
+                return;
             }
         }
     }
@@ -343,9 +313,9 @@ fn bounds(points: &[f32], keep: &[u32]) -> ([f64; 3], [f64; 3]) {
     (low, high)
 }
 
-fn hash(key: u64) -> usize {
-    let mixed = (key ^ (key >> 29)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    (mixed >> 32) as usize
+/// Orders rows by z, then y.
+fn row_key(y: u32, z: u32) -> u64 {
+    (u64::from(z) << 32) | u64::from(y)
 }
 
 /// The squared distance of two points.

@@ -66,12 +66,15 @@ fn image(png: &[u8], alt: &str, attributes: &str) -> String {
     )
 }
 
+/// What `make` makes of a text, escaped; nothing of a blank one.
+fn unless_blank(text: &str, make: impl FnOnce(String) -> String) -> String {
+    let text = text.trim();
+    if text.is_empty() { String::new() } else { make(escape(text)) }
+}
+
 /// A figure of one of the widths in the style sheet, with its caption below.
 fn figure(class: &str, style: &str, content: &str, caption: &str) -> String {
-    let caption = match caption.trim() {
-        "" => String::new(),
-        text => format!("<figcaption>{}</figcaption>\n", escape(text)),
-    };
+    let caption = unless_blank(caption, |text| format!("<figcaption>{text}</figcaption>\n"));
     format!("<figure class=\"{class}\"{style}>\n{content}{caption}</figure>\n")
 }
 
@@ -189,10 +192,7 @@ fn table(head: &[String], rows: &[Vec<String>], caption: &str, highlight: Option
 }
 
 fn headline(numbers: &[Number]) -> String {
-    let optional = |class: &str, text: &str| match text.trim() {
-        "" => String::new(),
-        text => format!(" <span class=\"{class}\">{}</span>", escape(text)),
-    };
+    let optional = |class, text| unless_blank(text, |text| format!(" <span class=\"{class}\">{text}</span>"));
     if numbers.is_empty() {
         return String::new();
     }
@@ -215,10 +215,7 @@ fn code(commands: &[(String, String)]) -> String {
     }
     let mut out = "<ul class=\"commands\">\n".to_owned();
     for (comment, command) in commands {
-        let comment = match comment.trim() {
-            "" => String::new(),
-            text => format!("<p class=\"comment\"># {}</p>", escape(text)),
-        };
+        let comment = unless_blank(comment, |text| format!("<p class=\"comment\"># {text}</p>"));
         out += &format!(
             "<li>{comment}<div><pre><code>{0}</code></pre>\
              <button type=\"button\" aria-label=\"Copy: {0}\">Copy</button></div></li>\n",
@@ -250,9 +247,6 @@ fn timings(stages: &[(String, f64)]) -> String {
 }
 
 fn missing(what: &str, how: &str) -> String {
-    let how = match how.trim() {
-        "" => String::new(),
-        text => format!("<p>{}</p>", escape(text)),
-    };
+    let how = unless_blank(how, |text| format!("<p>{text}</p>"));
     format!("<div class=\"missing\"><p><strong>Not available yet:</strong> {}</p>{how}</div>\n", escape(what))
 }

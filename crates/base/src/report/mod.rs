@@ -143,6 +143,14 @@ pub enum ReportError {
     },
 }
 
+impl Section {
+    /// Makes a part of a report.
+    #[must_use]
+    pub fn new(id: &str, title: &str, intro: impl Into<String>, blocks: Vec<Block>) -> Self {
+        Self { id: id.to_owned(), title: title.to_owned(), intro: intro.into(), blocks }
+    }
+}
+
 impl Report {
     /// Returns the whole page. The same report gives the same bytes.
     #[must_use]

@@ -5,6 +5,8 @@ pub mod sections;
 pub mod types;
 
 use layers::{ConfigError, Layers};
+use std::collections::BTreeMap;
+use toml::{Table, Value};
 use types::Config;
 
 /// The compiled-in presets of this project's own method, by name; those of other methods come with them.
@@ -24,6 +26,13 @@ pub const PRESET_IF_NONE_GIVEN: &str = "best";
 ///
 /// # Errors
 /// [`ConfigError::NotFound`] if there is no such preset.
+///
+/// ```
+/// let mut config = volseggs_core::config::preset("quick")?;
+/// config.densify.budget = 20_000;
+/// assert_eq!(config.method, "volseggs");
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn preset(name: &str) -> Result<Config, ConfigError> {
     Ok(Layers::new(PRESETS).source(name).resolve()?.value)
 }
@@ -36,6 +45,23 @@ pub fn short_key<'a>(key: &'a str, among: &[impl AsRef<str>]) -> &'a str {
     }
     let is_shared = among.iter().any(|other| other.as_ref() != key && last(other.as_ref()) == last(key));
     if is_shared { key } else { last(key) }
+}
+
+/// Flattens sections into dotted keys: `loss = { kind = "l1" }` and `"loss.kind" = "l1"` are equivalent.
+#[must_use]
+pub fn flatten(table: &Table) -> BTreeMap<String, Value> {
+    fn walk(prefix: &str, table: &Table, out: &mut BTreeMap<String, Value>) {
+        for (key, value) in table {
+            let name = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+            match value {
+                Value::Table(inner) => walk(&name, inner, out),
+                value => drop(out.insert(name, value.clone())),
+            }
+        }
+    }
+    let mut out = BTreeMap::new();
+    walk("", table, &mut out);
+    out
 }
 
 /// `VOLSEGGS_*` variables that are not configuration keys; a trailing `*` matches any suffix.

@@ -60,25 +60,13 @@ pub enum AnimationError {
     },
 }
 
-/// Writes frames `[height, width, 3]` of 8-bit RGB as an APNG that repeats forever.
+/// Writes frames `[height, width]` of this `color`, 8 bits per channel, whose production can fail, as an APNG that repeats
+/// forever.
 ///
 /// Only one frame is held at a time, and the file appears only when all are in it. It carries [`crate::files::MARK`].
 ///
 /// # Errors
-/// Any variant of [`AnimationError`]; no file is then written.
-pub fn write_apng<I, F>(path: &Path, frames: I, width: u32, height: u32, fps: u16) -> Result<(), AnimationError>
-where
-    I: IntoIterator<Item = F, IntoIter: ExactSizeIterator>,
-    F: AsRef<[u8]>,
-{
-    let frames = frames.into_iter().map(Ok::<F, io::Error>);
-    try_write_apng(path, frames, (width, height), ColorType::Rgb, fps)
-}
-
-/// Like [`write_apng`], for frames of this `color` whose production can fail.
-///
-/// # Errors
-/// As for [`write_apng`]; a failed frame gives [`AnimationError::Frame`].
+/// Any variant of [`AnimationError`], [`AnimationError::Frame`] for a failed frame; no file is then written.
 pub fn try_write_apng<I, F, E>(
     path: &Path,
     frames: I,
@@ -123,6 +111,15 @@ mod tests {
     use super::*;
     use std::fs::File;
     use std::io::BufReader;
+
+    fn write_apng<I, F>(path: &Path, frames: I, width: u32, height: u32, fps: u16) -> Result<(), AnimationError>
+    where
+        I: IntoIterator<Item = F, IntoIter: ExactSizeIterator>,
+        F: AsRef<[u8]>,
+    {
+        let frames = frames.into_iter().map(Ok::<F, io::Error>);
+        try_write_apng(path, frames, (width, height), ColorType::Rgb, fps)
+    }
 
     #[test]
     fn the_frames_decode_in_order_with_their_delay() {

@@ -10,10 +10,12 @@ pub mod fields;
 pub mod images;
 pub mod labels;
 pub mod npy;
+mod nrrd;
 pub mod ply;
 pub mod splat_file;
 pub mod spz;
 pub mod video;
+mod vti;
 
 use crate::registry::Registry;
 use exporters::{Exporter, NPY, NRRD, VTI};

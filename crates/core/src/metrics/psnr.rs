@@ -33,6 +33,12 @@ pub enum MetricError {
 ///
 /// # Errors
 /// [`MetricError::Size`] if the lengths differ or are zero.
+///
+/// ```
+/// let decibels = volseggs_core::metrics::psnr::psnr(&[0.0; 12], &[0.1; 12])?;
+/// assert!((decibels - 20.0).abs() < 1e-5);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn psnr(a: &[f32], b: &[f32]) -> Result<f64, MetricError> {
     if a.len() != b.len() || a.is_empty() {
         return Err(MetricError::Size { a: a.len(), b: b.len(), expected: a.len().max(3) });

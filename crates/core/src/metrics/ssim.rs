@@ -24,6 +24,13 @@ const GRAY: [f64; 3] = [0.2125, 0.7154, 0.0721];
 ///
 /// # Errors
 /// [`MetricError::Size`] if an image does not hold `width * height * 3` values.
+///
+/// ```
+/// let image: Vec<f32> = (0..16 * 16 * 3).map(|i| (i % 7) as f32 / 7.0).collect();
+/// let same = volseggs_core::metrics::ssim::ssim_rgb(&image, &image, 16, 16)?;
+/// assert!((same - 1.0).abs() < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn ssim_rgb(a: &[f32], b: &[f32], width: usize, height: usize) -> Result<f64, MetricError> {
     let maps = rgb_maps(a, b, width, height)?;
     let sum: f64 = maps.iter().map(|map| sum_rows(map, width)).sum();

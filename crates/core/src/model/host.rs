@@ -19,6 +19,21 @@ fn widths(sh_stride: usize) -> [usize; 5] {
 }
 
 /// N Gaussians, canonical or at one time; flat and row-major.
+///
+/// ```
+/// use volseggs_core::model::HostGaussians;
+/// // one round white Gaussian at the origin
+/// let one = HostGaussians {
+///     means: vec![0.0; 3],
+///     rotations: vec![1.0, 0.0, 0.0, 0.0],
+///     log_scales: vec![-2.0; 3],
+///     opacity_logits: vec![3.0],
+///     sh: vec![1.77; 3],
+///     sh_stride: 1,
+///     ..HostGaussians::default()
+/// };
+/// assert_eq!(one.len(), 1);
+/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct HostGaussians {
     /// Positions `[N, 3]`, scene units.

@@ -57,6 +57,18 @@ impl SceneSpec {
 }
 
 /// Gaussians and their deformation.
+///
+/// ```no_run
+/// use std::path::Path;
+/// use volseggs_core::device::DeviceName;
+/// use volseggs_core::model::Scene;
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let scene = Scene::load(Path::new("scene.safetensors"), &DeviceName::all()[0].open()?)?;
+/// let at_half_time = scene.host_at(0.5);
+/// println!("{} Gaussians", at_half_time.len());
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Module, Debug)]
 pub struct Scene {
     /// Canonical Gaussians.

@@ -1,6 +1,8 @@
 //! Errors of training.
 
 use crate::data::error::DataError;
+use crate::log::jsonl::JsonlError;
+use crate::user_error::UserError;
 use std::path::{Path, PathBuf};
 
 /// Why training stops.
@@ -28,7 +30,7 @@ pub enum TrainError {
     Lock(#[from] crate::files::LockError),
     /// The metrics file cannot be used.
     #[error(transparent)]
-    Metrics(#[from] crate::log::jsonl::JsonlError),
+    Metrics(#[from] JsonlError),
     /// There is nothing to resume from, or it does not fit.
     #[error(transparent)]
     Resume(super::checkpoint::CheckpointError),
@@ -43,6 +45,17 @@ pub enum TrainError {
         /// What happened.
         reason: String,
     },
+}
+
+impl UserError for TrainError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Data(error) => error.is_input(),
+            Self::Lock(error) => error.is_input(),
+            Self::Config(_) | Self::Resume(_) | Self::Metrics(JsonlError::Line { .. }) => true,
+            Self::NotFinite { .. } | Self::Log { .. } | Self::Metrics(_) | Self::Save(_) => false,
+        }
+    }
 }
 
 impl TrainError {

@@ -6,6 +6,7 @@
 //! next step on (a rate that had fallen to its end rises to its value in the longer schedule, and a late DSSIM moves to
 //! the new end), so a lengthened run differs from a run of that length from the start.
 
+use crate::config::flatten;
 use crate::config::sections;
 use std::collections::BTreeMap;
 use std::fmt;
@@ -76,19 +77,7 @@ fn refusal(key: &str, before: Option<&Value>, after: Option<&Value>, step: usize
 /// Returns every key with its value.
 fn flat(text: &str) -> Result<BTreeMap<String, Value>, String> {
     let table: Table = text.parse().map_err(|e: toml::de::Error| format!("configuration: {}", e.message()))?;
-    let mut all = BTreeMap::new();
-    flatten("", &table, &mut all);
-    Ok(all)
-}
-
-fn flatten(prefix: &str, table: &Table, all: &mut BTreeMap<String, Value>) {
-    for (name, value) in table {
-        let key = if prefix.is_empty() { name.clone() } else { format!("{prefix}.{name}") };
-        match value {
-            Value::Table(inner) => flatten(&key, inner, all),
-            value => drop(all.insert(key, value.clone())),
-        }
-    }
+    Ok(flatten(&table))
 }
 
 #[cfg(test)]

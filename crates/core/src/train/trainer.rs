@@ -45,6 +45,21 @@ struct Deformed {
 }
 
 /// The state of a training run.
+///
+/// ```no_run
+/// use std::path::Path;
+/// use volseggs_core::{config::preset, device::DeviceName, train::Trainer};
+/// use volseggs_volume::data::{Dataset, OpenOptions};
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let dataset = Dataset::open(Path::new("data/jets"), &OpenOptions::default())?;
+/// let mut trainer = Trainer::new(preset("quick")?, &dataset, &DeviceName::all()[0].open()?)?;
+/// while trainer.steps_done() < trainer.total_steps() {
+///     trainer.step(&dataset.train)?;
+/// }
+/// trainer.scene().save(Path::new("scene.safetensors"))?;
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct Trainer {
     pub(super) config: Config,

@@ -3,8 +3,8 @@
 use super::model::Scene4d;
 use super::rotation_matrices;
 use super::rows::apply;
-use crate::test_support::{ball, changed, check_checkpoint, device, stepped};
 use crate::Training;
+use crate::test_support::{ball, changed, check_checkpoint, device, stepped};
 use burn::tensor::{Tensor, TensorData};
 use std::collections::BTreeMap;
 use volseggs_base::rng::{Purpose, Rng};

@@ -5,6 +5,7 @@
 
 use crate::model::sh::degrees;
 use std::f64::consts::PI;
+use volseggs_kernels::sh::exact_basis;
 
 /// The matrices of bands 1 to 4 for one rotation.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,8 +52,8 @@ fn band_matrix(l: usize, r: [[f64; 3]; 3]) -> Vec<f64> {
         .map(|j| {
             let d = direction(j, n);
             let back = std::array::from_fn(|c| r[0][c] * d[0] + r[1][c] * d[1] + r[2][c] * d[2]);
-            let mut row = basis(d)[l * l..l * l + n].to_vec();
-            row.extend_from_slice(&basis(back)[l * l..l * l + n]);
+            let mut row = exact_basis(d)[l * l..l * l + n].to_vec();
+            row.extend_from_slice(&exact_basis(back)[l * l..l * l + n]);
             row
         })
         .collect();
@@ -86,47 +87,9 @@ fn direction(j: usize, n: usize) -> [f64; 3] {
     [ring * cos, ring * sin, z]
 }
 
-/// Returns the 25 functions at a unit direction; band 1 is `C1 (-y, z, -x)`. They are computed from their definition in
-/// f64: with single-precision constants, a rotation would not be orthonormal to rounding.
-fn basis([x, y, z]: [f64; 3]) -> [f64; 25] {
-    let (xx, yy, zz) = (x * x, y * y, z * z);
-    let norm = |a: f64| (a / PI).sqrt();
-    let (c1, c2) = (norm(3.0) / 2.0, norm(15.0) / 2.0);
-    let (c30, c31, c32) = (norm(35.0 / 2.0) / 4.0, norm(105.0) / 2.0, norm(21.0 / 2.0) / 4.0);
-    let (c40, c41, c42, c43) = (0.75 * norm(35.0), 0.75 * norm(35.0 / 2.0), 0.75 * norm(5.0), 0.75 * norm(5.0 / 2.0));
-    [
-        norm(1.0) / 2.0,
-        -c1 * y,
-        c1 * z,
-        -c1 * x,
-        c2 * x * y,
-        -c2 * y * z,
-        norm(5.0) / 4.0 * (2.0 * zz - xx - yy),
-        -c2 * x * z,
-        c2 / 2.0 * (xx - yy),
-        -c30 * y * (3.0 * xx - yy),
-        c31 * x * y * z,
-        -c32 * y * (4.0 * zz - xx - yy),
-        norm(7.0) / 4.0 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy),
-        -c32 * x * (4.0 * zz - xx - yy),
-        c31 / 2.0 * z * (xx - yy),
-        -c30 * x * (xx - 3.0 * yy),
-        c40 * x * y * (xx - yy),
-        -c41 * y * z * (3.0 * xx - yy),
-        c42 * x * y * (7.0 * zz - 1.0),
-        -c43 * y * z * (7.0 * zz - 3.0),
-        3.0 / 16.0 * norm(1.0) * (zz * (35.0 * zz - 30.0) + 3.0),
-        -c43 * x * z * (7.0 * zz - 3.0),
-        c42 / 2.0 * (xx - yy) * (7.0 * zz - 1.0),
-        -c41 * x * z * (xx - 3.0 * yy),
-        c40 / 4.0 * (xx * (xx - 3.0 * yy) - yy * (3.0 * xx - yy)),
-    ]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::sh::C0;
     use glam::{DMat3, DVec3};
     use proptest::prelude::*;
 
@@ -136,34 +99,10 @@ mod tests {
 
     /// The green channel of coefficients, of even bands where their number is that of these.
     fn colour(sh: &[f32], d: DVec3) -> f64 {
-        let all = basis(d.to_array());
+        let all = exact_basis(d.to_array());
         let even = [6, 15].contains(&(sh.len() / 3));
         let functions = (0..all.len()).filter(|k| !even || k.isqrt().is_multiple_of(2)).map(|k| all[k]);
         functions.zip(sh.chunks_exact(3)).map(|(b, c)| b * f64::from(c[1])).sum()
-    }
-
-    #[test]
-    fn basis_has_the_constants_of_3dgs() {
-        let d = DVec3::new(0.3, -0.5, 0.7).normalize();
-        let (x, y, z) = (d.x, d.y, d.z);
-        let b = basis(d.to_array());
-        let expected = [
-            (1, -0.488_602_5 * y),
-            (4, 1.092_548_4 * x * y),
-            (5, -1.092_548_4 * y * z),
-            (6, 0.315_391_57 * (2.0 * z * z - x * x - y * y)),
-            (8, 0.546_274_22 * (x * x - y * y)),
-            (9, -0.590_043_6 * y * (3.0 * x * x - y * y)),
-            (10, 2.890_611_4 * x * y * z),
-            (11, -0.457_045_8 * y * (4.0 * z * z - x * x - y * y)),
-            (12, 0.373_176_33 * z * (2.0 * z * z - 3.0 * x * x - 3.0 * y * y)),
-            (14, 1.445_305_7 * z * (x * x - y * y)),
-            (15, -0.590_043_6 * x * (x * x - 3.0 * y * y)),
-        ];
-        for (k, value) in expected {
-            assert!((b[k] - value).abs() < 1e-7, "{k}");
-        }
-        assert!((b[0] - f64::from(C0)).abs() < 1e-7);
     }
 
     proptest! {

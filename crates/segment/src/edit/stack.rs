@@ -6,6 +6,15 @@ use crate::data::Calibration;
 use serde::Serialize;
 
 /// Edits in the order in which they apply, and those undone.
+///
+/// ```
+/// use volseggs_segment::edit::{Edit, EditStack, Operation};
+/// let mut edits = EditStack::default();
+/// edits.push(Edit { segments: vec!["red".into()], operation: Operation::Hide })?;
+/// edits.undo();
+/// assert!(edits.operations.is_empty() && edits.undone.len() == 1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct EditStack {
     /// The edits that apply, first to last.

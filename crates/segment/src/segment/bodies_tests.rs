@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::rng::{Purpose, Rng};
-use crate::segment::balls::{add, on_threads};
 use crate::segment::colour::fibonacci_sphere;
+use crate::segment::test_support::{add, on_threads};
 
 /// Adds a sphere of Gaussians whose neighbours are 0.083 radii apart, and returns the `label` of each.
 fn sphere(to: &mut HostGaussians, x: f32, radius: f32, label: impl Fn(usize) -> u32) -> Vec<u32> {

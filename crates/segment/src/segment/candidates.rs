@@ -300,7 +300,7 @@ fn shown(at: &HostGaussians, i: usize) -> f64 {
 mod tests {
     use super::*;
     use crate::device::DeviceName;
-    use crate::segment::balls::{APART, COUNT};
+    use crate::segment::test_support::{APART, COUNT};
 
     #[test]
     fn cached_results_equal_recomputed_ones() {

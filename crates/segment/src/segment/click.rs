@@ -81,7 +81,7 @@ mod tests {
     use super::*;
     use crate::data::Camera;
     use crate::model::ToKernel;
-    use crate::segment::balls::rendering;
+    use crate::segment::test_support::rendering;
     use glam::DVec3;
 
     /// A faint Gaussian in front of a solid one, seen along the y axis, and a third far to the side.

@@ -3,7 +3,7 @@
 use super::*;
 use crate::model::fixture::scene;
 use crate::model::sh::C0;
-use crate::segment::balls::add;
+use crate::segment::test_support::add;
 
 /// A red and a blue ball, a red stray in the blue one, and a transparent haze.
 fn two_balls() -> (HostGaussians, Vec<u32>) {

@@ -4,11 +4,11 @@ use super::*;
 use crate::config::types::SegmentConfig;
 use crate::config::types::segment::{AffinityConfig, PiecesConfig};
 use crate::device::DeviceName;
-use crate::segment::balls::{APART, COUNT, surfaces};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::network::Frame;
 use crate::segment::fine::train::train;
 use crate::segment::pick::{Meaning, PickOptions, pick};
+use crate::segment::test_support::{APART, COUNT, surfaces};
 
 #[test]
 fn a_click_on_a_ball_selects_it_and_pick_uses_the_same_levels() {

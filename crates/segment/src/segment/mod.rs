@@ -38,4 +38,4 @@ pub mod segmentation;
 mod surface_layers;
 
 #[doc(hidden)]
-pub mod balls;
+pub mod test_support;

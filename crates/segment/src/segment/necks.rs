@@ -127,7 +127,7 @@ fn grid(body: &HostGaussians, cells: usize) -> Option<Grid> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::segment::balls::{add, surfaces};
+    use crate::segment::test_support::{add, surfaces};
 
     #[test]
     fn beads_that_touch_are_parts_whatever_their_size_and_number() {

@@ -79,7 +79,7 @@ fn closest(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::segment::balls::{add, surfaces};
+    use crate::segment::test_support::{add, surfaces};
 
     /// Two balls in shells that touch each other, and a small ball that touches the first shell: the Gaussians, and the
     /// part and the segment of each. Segments: 1 balls, 2 shells, 3 the small ball.

@@ -131,7 +131,7 @@ fn weighted(features: &[f32], touching: &[(u32, u32)]) -> Vec<Edge> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::segment::balls::{on_threads, surfaces};
+    use crate::segment::test_support::{on_threads, surfaces};
 
     fn found(body: &HostGaussians, features: &[f32]) -> Result<Vec<u32>, PointsError> {
         objects(body, features, &SegmentConfig::default())

@@ -233,9 +233,9 @@ mod tests {
     use crate::config::types::SegmentConfig;
     use crate::config::types::segment::PiecesConfig;
     use crate::device::DeviceName;
-    use crate::segment::balls::{APART, COUNT};
     use crate::segment::fine::AffinityField;
     use crate::segment::fine::network::Frame;
+    use crate::segment::test_support::{APART, COUNT};
 
     #[test]
     fn a_click_means_the_segment_that_makes_up_most_of_the_pixel_and_no_haze() {

@@ -151,7 +151,7 @@ fn joining(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::segment::balls::{add, on_threads};
+    use crate::segment::test_support::{add, on_threads};
 
     const STEP: f64 = 1.0 / 15.0;
     const SEEN: f32 = 0.02;

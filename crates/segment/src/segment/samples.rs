@@ -84,7 +84,7 @@ impl Sample {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::segment::balls::add;
+    use crate::segment::test_support::add;
 
     /// A row of Gaussians that touch, one of them of another material and far from the rest.
     fn row(count: usize) -> (HostGaussians, Vec<u32>, Vec<u32>) {

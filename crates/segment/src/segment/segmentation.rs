@@ -55,6 +55,12 @@ pub struct Segment {
 }
 
 /// The segments of a scene.
+///
+/// ```
+/// use volseggs_segment::segment::segmentation::Segmentation;
+/// let segments = Segmentation::new(1000, "fingerprint of the scene".into());
+/// assert!(segments.get("red").is_err(), "it has no segments yet");
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Segmentation {
     /// Number of Gaussians in the scene.

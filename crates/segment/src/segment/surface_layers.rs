@@ -193,7 +193,7 @@ fn beside(
 mod tests {
     use super::*;
     use crate::model::HostGaussians;
-    use crate::segment::balls::{add, on_threads};
+    use crate::segment::test_support::{add, on_threads};
     use volseggs_kernels::activation::logit;
 
     /// Adds a block of Gaussians 0.1 apart, so that neighbours are in contact, and its `material` for each.

@@ -17,17 +17,6 @@ pub fn rotation(quaternion: [f32; 4]) -> Matrix {
     ]
 }
 
-/// Returns `R diag(values) R^T`.
-pub fn sandwich(r: &Matrix, values: [f64; 3]) -> Matrix {
-    let mut out = [[0.0; 3]; 3];
-    for i in 0..3 {
-        for j in 0..3 {
-            out[i][j] = (0..3).map(|k| r[i][k] * values[k] * r[j][k]).sum();
-        }
-    }
-    out
-}
-
 /// Returns the eigenvalues of a symmetric matrix in descending order, with their unit eigenvectors as rows, by Jacobi
 /// rotations.
 ///
@@ -91,6 +80,17 @@ fn rotate(a: &mut Matrix, v: &mut Matrix, p: usize, q: usize) {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    /// Returns `R diag(values) R^T`.
+    fn sandwich(r: &Matrix, values: [f64; 3]) -> Matrix {
+        let mut out = [[0.0; 3]; 3];
+        for i in 0..3 {
+            for j in 0..3 {
+                out[i][j] = (0..3).map(|k| r[i][k] * values[k] * r[j][k]).sum();
+            }
+        }
+        out
+    }
 
     proptest! {
         #[test]

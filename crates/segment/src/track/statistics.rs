@@ -27,18 +27,6 @@ pub enum Status {
     Lost,
 }
 
-impl Status {
-    /// Its word in tables.
-    #[must_use]
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Tracked => "tracked",
-            Self::Weak => "weak",
-            Self::Lost => "lost",
-        }
-    }
-}
-
 /// Statistics of a segment at one time, in scene units until [`SegmentStatistics::calibrate`]. Positions are `None` if
 /// the segment is nowhere; the names are those of the columns, see [`super::tables::COLUMNS`].
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]

@@ -6,6 +6,7 @@ use crate::csv;
 use crate::data::Calibration;
 use crate::data::calibration::NORMALISED;
 use serde::Serialize;
+use serde_json::Value;
 use std::fmt::Write;
 
 /// What a column is measured in.
@@ -61,6 +62,23 @@ pub struct Column {
     pub meaning: &'static str,
     /// Its fields.
     fields: &'static [&'static str],
+}
+
+impl Column {
+    /// Returns its fields in a row with these entries of `statistics.json`.
+    fn cells(&self, entries: &Value) -> Vec<String> {
+        let value = match self.name {
+            "axis1" => &entries["axes"][0],
+            "axis2" => &entries["axes"][1],
+            "axis3" => &entries["axes"][2],
+            "extent" => &entries["extents"],
+            name => &entries[name],
+        };
+        match self.fields {
+            [_] => vec![cell(value)],
+            fields => (0..fields.len()).map(|k| cell(&value[k])).collect(),
+        }
+    }
 }
 
 const fn column(name: &'static str, unit: Unit, meaning: &'static str) -> Column {
@@ -134,32 +152,9 @@ pub fn statistics_csv(rows: &[SegmentStatistics]) -> String {
     let names = COLUMNS.iter().flat_map(|c| c.fields.iter().map(move |field| format!("{}{field}", c.name)));
     let mut out = names.collect::<Vec<_>>().join(",") + "\n";
     for row in rows {
-        out.push_str(&csv::field(&row.segment));
-        number(&mut out, Some(row.time));
-        number(&mut out, row.physical_time);
-        let _ = write!(out, ",{}", row.status.word());
-        for share in [row.counted_share, row.consistency, row.trained_distance] {
-            number(&mut out, share);
-        }
-        let _ = write!(out, ",{},{}", row.gaussians, row.visible);
-        number(&mut out, Some(row.opacity));
-        number(&mut out, Some(row.extinction));
-        for place in [row.centroid, row.velocity, row.box_min, row.box_max] {
-            triple(&mut out, place);
-        }
-        for axis in 0..3 {
-            triple(&mut out, row.axes.map(|axes| axes[axis]));
-        }
-        triple(&mut out, row.extents);
-        for size in [row.volume, row.hidden_volume, row.opaque_core_volume, row.cell_size] {
-            number(&mut out, Some(size));
-        }
-        triple(&mut out, row.colour);
-        out.push(',');
-        if let Some(area) = row.projected_area {
-            let _ = write!(out, "{area}");
-        }
-        number(&mut out, row.projected_share);
+        let entries = serde_json::to_value(row).unwrap_or_default();
+        let cells: Vec<String> = COLUMNS.iter().flat_map(|column| column.cells(&entries)).collect();
+        out += &cells.join(",");
         out.push('\n');
     }
     out
@@ -167,29 +162,24 @@ pub fn statistics_csv(rows: &[SegmentStatistics]) -> String {
 
 /// Formats the events of one segment as CSV with a header.
 pub fn events_csv(segment: &str, events: &[Event]) -> String {
-    let mut out = format!("{EVENT_COLUMNS}\n");
-    for event in events {
-        out.push_str(&csv::field(segment));
-        number(&mut out, Some(event.time_from));
-        number(&mut out, Some(event.time_to));
-        let kind = serde_json::to_string(&event.kind).unwrap_or_default();
-        let _ = write!(out, ",{}", kind.trim_matches('"'));
-        number(&mut out, Some(event.confidence));
-        let _ = write!(out, ",{},{}", list(&event.parents), list(&event.children));
-        let _ = writeln!(out, ",{},{}", list(&event.parent_weights), list(&event.child_weights));
-    }
-    out
+    rows_csv(EVENT_COLUMNS, segment, events)
 }
 
 /// Formats the tracks of one segment as CSV with a header.
 pub fn tracks_csv(segment: &str, points: &[TrackPoint]) -> String {
-    let mut out = format!("{TRACK_COLUMNS}\n");
-    for point in points {
-        out.push_str(&csv::field(segment));
-        number(&mut out, Some(point.time));
-        let _ = write!(out, ",{},{}", point.component, point.track);
-        number(&mut out, Some(point.weight));
-        let _ = writeln!(out, ",{}", point.lent);
+    rows_csv(TRACK_COLUMNS, segment, points)
+}
+
+/// Formats what belongs to one segment; the columns after the first are the entries of a row in JSON.
+fn rows_csv<T: Serialize>(columns: &str, segment: &str, rows: &[T]) -> String {
+    let mut out = format!("{columns}\n");
+    for row in rows {
+        let entries = serde_json::to_value(row).unwrap_or_default();
+        out += &csv::field(segment);
+        for name in columns.split(',').skip(1) {
+            let _ = write!(out, ",{}", cell(&entries[name]));
+        }
+        out.push('\n');
     }
     out
 }
@@ -202,21 +192,14 @@ pub fn to_json<T: Serialize + ?Sized>(value: &T) -> Result<String, serde_json::E
     serde_json::to_string_pretty(value).map(|text| text + "\n")
 }
 
-fn number(out: &mut String, value: Option<f64>) {
-    out.push(',');
-    if let Some(v) = value.filter(|v| v.is_finite()) {
-        let _ = write!(out, "{v}");
+/// Returns the field of an entry; entries of lists are separated by spaces.
+fn cell(entry: &Value) -> String {
+    match entry {
+        Value::String(text) => csv::field(text).into_owned(),
+        Value::Bool(value) => value.to_string(),
+        Value::Array(list) => list.iter().map(cell).collect::<Vec<_>>().join(" "),
+        number => number.as_f64().map_or_else(String::new, |v| v.to_string()),
     }
-}
-
-fn triple(out: &mut String, value: Option<[f64; 3]>) {
-    for a in 0..3 {
-        number(out, value.map(|v| v[a]));
-    }
-}
-
-fn list<T: ToString>(values: &[T]) -> String {
-    values.iter().map(ToString::to_string).collect::<Vec<String>>().join(" ")
 }
 
 #[cfg(test)]

@@ -226,6 +226,7 @@ impl Calibration {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::user_error::UserError;
 
     fn calibration() -> Calibration {
         let space = PhysicalSpace {

@@ -8,6 +8,15 @@ use serde::{Deserialize, Serialize};
 /// Poses are kept in the NeRF/OpenGL convention (+x right, +y up, looking along -z); images and `project` use the
 /// OpenCV one (x right, y down, z forward). Pixel coordinates are continuous: the centre of pixel `(i, j)` is
 /// `(i + 0.5, j + 0.5)`, and the image covers `[0, width] x [0, height]`.
+///
+/// ```
+/// use glam::{DVec2, DVec3};
+/// use volseggs_volume::data::Camera;
+/// let camera = Camera::look_at(DVec3::new(4.0, 0.0, 0.0), DVec3::ZERO, DVec3::Z, 0.5, 64, 48);
+/// let (pixel, depth) = camera.project(DVec3::ZERO).ok_or("behind the camera")?;
+/// assert!(pixel.abs_diff_eq(DVec2::new(32.0, 24.0), 1e-9) && (depth - 4.0).abs() < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Camera {
     /// Image width in pixels.

@@ -78,8 +78,9 @@ impl<'a> Masks<'a> {
         self.opaque
     }
 
-    /// The index of a pixel in its image; `None` outside.
-    fn pixel(&self, x: f64, y: f64) -> Option<usize> {
+    /// The index of the pixel at which a view sees a point; `None` outside its image.
+    fn pixel_of(&self, view: &View, p: DVec3) -> Option<usize> {
+        let (x, y, _) = view.project(p)?;
         let inside = x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64;
         inside.then(|| y as usize * self.width + x as usize)
     }
@@ -95,12 +96,7 @@ impl<'a> Masks<'a> {
     fn holds(&self, group: usize, p: DVec3) -> bool {
         let mut seen = 0;
         for view in &self.groups[group] {
-            let Some((x, y, _)) = view.project(p) else {
-                continue;
-            };
-            let Some(pixel) = self.pixel(x, y) else {
-                continue;
-            };
+            let Some(pixel) = self.pixel_of(view, p) else { continue };
             if self.bits[view.frame][pixel / 64] >> (pixel % 64) & 1 == 0 {
                 return false;
             }
@@ -126,12 +122,7 @@ impl<'a> Masks<'a> {
         let (mut sum, mut weight) = ([0u64; 3], 0u64);
         if self.split.images.len() == self.split.frames.len() {
             for view in self.groups.get(group).into_iter().flatten() {
-                let Some((x, y, _)) = view.project(p) else {
-                    continue;
-                };
-                let Some(pixel) = self.pixel(x, y) else {
-                    continue;
-                };
+                let Some(pixel) = self.pixel_of(view, p) else { continue };
                 let pixel = &self.split.images.frame(view.frame)[4 * pixel..4 * pixel + 4];
                 let a = u64::from(pixel[3]);
                 weight += a;

@@ -153,6 +153,15 @@ impl Default for OpenOptions<'_> {
 }
 
 /// An open dataset.
+///
+/// ```
+/// use std::path::Path;
+/// use volseggs_volume::data::{Dataset, OpenOptions};
+/// // a folder that is no dataset: the error names what is missing
+/// let error = Dataset::open(Path::new("nowhere"), &OpenOptions::default()).err().ok_or("opened")?;
+/// assert!(error.to_string().contains("nowhere"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Dataset {
     /// The folder.

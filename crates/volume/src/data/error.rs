@@ -1,5 +1,6 @@
 //! What can be wrong with a dataset. Each variant names the file, the place in it and a way to fix it.
 
+use crate::user_error::UserError;
 use crate::versioned::{KEY, VersionedError};
 use crate::words::plain;
 use std::path::{Path, PathBuf};
@@ -109,51 +110,16 @@ pub enum DataError {
     },
 }
 
-impl DataError {
-    /// Whether the user can fix it; otherwise the system failed or refused.
-    #[must_use]
-    pub fn is_input(&self) -> bool {
+impl UserError for DataError {
+    fn is_input(&self) -> bool {
         match self {
             Self::Io { source, .. } => crate::files::is_user_error(source),
             _ => true,
         }
     }
+}
 
-    /// The file or folder that the error is about, where there is one.
-    #[must_use]
-    pub fn path(&self) -> Option<&Path> {
-        match self {
-            Self::Io { path, .. }
-            | Self::Syntax { path, .. }
-            | Self::Field { path, .. }
-            | Self::Image { path, .. }
-            | Self::Option { path, .. } => Some(path),
-            Self::MixedResolution { second, .. } => Some(second),
-            Self::EmptyHull { .. } => None,
-        }
-    }
-
-    /// The frame that the error is about, counted from 0, where there is one.
-    #[must_use]
-    pub fn frame(&self) -> Option<usize> {
-        match self {
-            Self::Syntax { frame, .. } | Self::Field { frame, .. } => *frame,
-            Self::Image { frame, .. } | Self::MixedResolution { frame, .. } => Some(*frame),
-            Self::Io { .. } | Self::Option { .. } | Self::EmptyHull { .. } => None,
-        }
-    }
-
-    /// The JSON field or the option that the error is about, where there is one.
-    #[must_use]
-    pub fn field(&self) -> Option<&str> {
-        match self {
-            Self::Field { field, .. } => Some(field),
-            Self::Option { option, .. } => Some(option),
-            Self::Image { .. } | Self::MixedResolution { .. } => Some("file_path"),
-            Self::Io { .. } | Self::Syntax { .. } | Self::EmptyHull { .. } => None,
-        }
-    }
-
+impl DataError {
     /// Returns the error for a record that cannot be read.
     pub(super) fn of_record(path: &Path, error: VersionedError, hint: &str) -> Self {
         let (path, hint) = (path.to_owned(), hint.to_owned());
@@ -166,6 +132,17 @@ impl DataError {
                 Self::Field { path, frame: None, field: KEY.to_owned(), problem: e.problem, hint }
             }
         }
+    }
+
+    /// Makes the error for what the file system reported while `action` was attempted on `path`.
+    pub(super) fn io(path: &Path, action: &'static str, hint: &str) -> impl FnOnce(std::io::Error) -> Self {
+        let (path, hint) = (path.to_owned(), hint.to_owned());
+        move |source| Self::Io { path, action, source, hint }
+    }
+
+    /// The error of an option that does not fit the data at `path`.
+    pub(super) fn option(path: &Path, option: &'static str, problem: impl ToString, hint: impl Into<String>) -> Self {
+        Self::Option { path: path.to_owned(), option, problem: problem.to_string(), hint: hint.into() }
     }
 
     /// The error of a value in a field of a JSON file, of frame `frame` if it is in one.

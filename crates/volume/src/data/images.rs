@@ -96,12 +96,9 @@ impl ImageSet {
     pub fn downscale(&self, factor: u32) -> Result<Self, DataError> {
         let (width, height) = downscaled_size(Path::new("image set"), (self.width, self.height), factor)?;
         let bytes = product(&[self.len(), width as usize, height as usize, Self::CHANNELS]);
-        Budget::now().check(format!("images reduced by {factor}"), bytes).map_err(|e| DataError::Option {
-            path: "image set".into(),
-            option: "downscale",
-            problem: e.to_string(),
-            hint: "use a larger factor or fewer views".to_owned(),
-        })?;
+        Budget::now()
+            .check(format!("images reduced by {factor}"), bytes)
+            .map_err(|e| DataError::option(Path::new("image set"), "downscale", e, FEWER))?;
         let mut out = vec![0; width as usize * height as usize * Self::CHANNELS * self.len()];
         out.par_chunks_mut((width as usize * height as usize * Self::CHANNELS).max(1))
             .zip(self.pixels.par_chunks(self.frame_len().max(1)))
@@ -248,6 +245,8 @@ fn open(path: &Path) -> Result<(ImageReader<BufReader<File>>, ImageFormat), Stri
     Ok((ImageReader::with_format(file, kind), kind))
 }
 
+/// What to do about images that do not fit into memory.
+const FEWER: &str = "use a larger factor or fewer views";
 /// Number of pixels above which memory is checked before an image is decoded.
 const LARGE: u64 = 1 << 24;
 /// Bytes per pixel while an image is decoded: 16-bit RGBA as stored, and 8-bit RGBA.
@@ -261,12 +260,8 @@ fn check_memory(json: &Path, count: usize, full: (u32, u32), downscale: u32, bud
     let at_a_time = rayon::current_num_threads().min(count);
     let decoding = product(&[at_a_time, full.0 as usize, full.1 as usize, DECODING]);
     let what = format!("{downscale} keeps {count} images of {width}x{height}");
-    budget.check(what, kept.saturating_add(decoding)).map_err(|e| DataError::Option {
-        path: json.to_owned(),
-        option: "data.downscale",
-        problem: e.to_string(),
-        hint: "use a larger factor or fewer views".to_owned(),
-    })
+    let checked = budget.check(what, kept.saturating_add(decoding));
+    checked.map_err(|e| DataError::option(json, "data.downscale", e, FEWER))
 }
 
 pub(crate) fn image_error(json: &Path, path: &Path, frame: usize, problem: String) -> DataError {
@@ -303,12 +298,9 @@ pub(crate) fn common_size(json: &Path, paths: &[PathBuf]) -> Result<(u32, u32), 
 pub(crate) fn downscaled_size(path: &Path, (w, h): (u32, u32), factor: u32) -> Result<(u32, u32), DataError> {
     if factor == 0 || w % factor != 0 || h % factor != 0 {
         let dividing = (1..=16).filter(|k| w % k == 0 && h % k == 0).map(|k| k.to_string()).collect::<Vec<_>>();
-        return Err(DataError::Option {
-            path: path.to_owned(),
-            option: "downscale",
-            problem: format!("{factor} does not divide the image size {w}x{h}"),
-            hint: format!("use one of {}", dividing.join(", ")),
-        });
+        let problem = format!("{factor} does not divide the image size {w}x{h}");
+        let hint = format!("use one of {}", dividing.join(", "));
+        return Err(DataError::option(path, "downscale", problem, hint));
     }
     Ok((w / factor, h / factor))
 }

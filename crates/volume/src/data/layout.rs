@@ -6,6 +6,7 @@ use image::{Rgb, RgbImage};
 use super::dataset::Frame;
 use super::hull::Aabb;
 use crate::draw::font::{draw_text, text_width};
+use crate::draw::round_step;
 
 const PANEL: u32 = 640;
 const MARGIN: u32 = 32;
@@ -55,7 +56,7 @@ impl Canvas {
         let at = |p: DVec3| middle + scale * DVec2::new(p[panel.right], -p[panel.up]);
         draw_text(&mut self.0, panel.left as u32, 16, 2, INK, panel.title);
         // lines at whole units of 1, 2 or 5 times a power of ten
-        let step = nice_step(ends / 4.0);
+        let step = round_step(ends / 4.0);
         // 5 at most, unless the cameras or the box lie beyond the drawable range
         let lines = (half / scale / step).floor().clamp(0.0, 8.0) as i64;
         for k in -lines..=lines {
@@ -181,11 +182,6 @@ fn time_colour(time: f64) -> [u8; 3] {
     [0, 1, 2].map(|c| (STOPS[i][c] + k * (STOPS[i + 1][c] - STOPS[i][c])).round() as u8)
 }
 
-fn nice_step(x: f64) -> f64 {
-    let power = 10f64.powf(x.log10().floor());
-    [1.0, 2.0, 5.0, 10.0].into_iter().map(|k| k * power).find(|s| *s >= 0.999 * x).unwrap_or(power)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -229,7 +225,7 @@ mod tests {
 
     #[test]
     fn steps_are_round() {
-        assert_eq!([0.9, 1.0, 1.1, 3.0, 6.0].map(nice_step), [1.0, 1.0, 2.0, 5.0, 10.0]);
+        assert_eq!([0.9, 1.0, 1.1, 3.0, 6.0].map(round_step), [1.0, 1.0, 2.0, 5.0, 10.0]);
     }
 
     /// Writes the picture of the published data to the folder `VOLSEGGS_TEST_OUT`, for viewing.

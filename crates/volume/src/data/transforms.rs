@@ -256,12 +256,8 @@ impl Transforms {
     pub fn write(&self, path: &Path) -> Result<(), DataError> {
         let text = self.to_json();
         Self::parse(path, &text)?;
-        write_atomic(path, text.as_bytes()).map_err(|source| DataError::Io {
-            path: path.to_owned(),
-            action: "write the file",
-            source,
-            hint: "check that the folder exists, is writable and has free space".to_owned(),
-        })
+        let hint = "check that the folder exists, is writable and has free space";
+        write_atomic(path, text.as_bytes()).map_err(DataError::io(path, "write the file", hint))
     }
 }
 
@@ -294,12 +290,8 @@ pub(crate) fn repeated(json: &Path, (frame, other): (usize, usize), file_path: &
 
 /// Reads a JSON file as text, with an error that says what to do.
 pub(crate) fn read_text(path: &Path) -> Result<String, DataError> {
-    let bytes = crate::files::read_regular(path).map_err(|source| DataError::Io {
-        path: path.to_owned(),
-        action: "read the file",
-        source,
-        hint: format!("a dataset folder holds {}; check the path", looked_for()),
-    })?;
+    let hint = format!("a dataset folder holds {}; check the path", looked_for());
+    let bytes = crate::files::read_regular(path).map_err(DataError::io(path, "read the file", &hint))?;
     crate::files::decode_text(bytes).map_err(|error| DataError::Syntax {
         path: path.to_owned(),
         frame: None,

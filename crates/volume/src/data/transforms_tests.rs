@@ -5,6 +5,27 @@ use serde_json::{Value, json};
 
 use super::*;
 
+impl DataError {
+    /// The frame that the error is about, counted from 0, where there is one.
+    pub(crate) fn frame(&self) -> Option<usize> {
+        match self {
+            Self::Syntax { frame, .. } | Self::Field { frame, .. } => *frame,
+            Self::Image { frame, .. } | Self::MixedResolution { frame, .. } => Some(*frame),
+            Self::Io { .. } | Self::Option { .. } | Self::EmptyHull { .. } => None,
+        }
+    }
+
+    /// The JSON field or the option that the error is about, where there is one.
+    pub(crate) fn field(&self) -> Option<&str> {
+        match self {
+            Self::Field { field, .. } => Some(field),
+            Self::Option { option, .. } => Some(option),
+            Self::Image { .. } | Self::MixedResolution { .. } => Some("file_path"),
+            Self::Io { .. } | Self::Syntax { .. } | Self::EmptyHull { .. } => None,
+        }
+    }
+}
+
 fn identity() -> Value {
     json!([[1, 0, 0, 0.5], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]])
 }

@@ -139,25 +139,14 @@ impl Truth {
     /// If the file is missing or invalid, or the training views cannot be read.
     pub fn read(root: &Path) -> Result<Self, DataError> {
         let path = root.join(FILE);
-        let text = crate::files::read_text(&path).map_err(|source| DataError::Io {
-            path: path.clone(),
-            action: "read the ground truth of the segments",
-            source,
-            hint:
-                "only datasets that `volseggs prepare` made with --labels, --components, --synthetic or named ranges of a \
-                   transfer function have it"
-                    .to_owned(),
-        })?;
-        let mut file: SegmentFile = versioned::from_json(&text)
-            .map_err(|e| DataError::of_record(&path, e, "make the dataset again with `volseggs prepare`"))?;
+        let made = "only datasets that `volseggs prepare` made with --labels, --components, --synthetic or named ranges of \
+                    a transfer function have it";
+        let unreadable = DataError::io(&path, "read the ground truth of the segments", made);
+        let text = crate::files::read_text(&path).map_err(unreadable)?;
+        let again = "make the dataset again with `volseggs prepare`";
+        let mut file: SegmentFile = versioned::from_json(&text).map_err(|e| DataError::of_record(&path, e, again))?;
         if let Some((field, problem)) = file.fault() {
-            return Err(DataError::field_error(
-                &path,
-                None,
-                &field,
-                problem,
-                "make the dataset again with `volseggs prepare`",
-            ));
+            return Err(DataError::field_error(&path, None, &field, problem, again));
         }
         let normalisation = Normalisation::of_dataset(root)?;
         for frame in file.segments.iter_mut().flat_map(|s| &mut s.frames) {
@@ -227,12 +216,8 @@ impl Truth {
     pub fn labels(&self, view: &LabelledView) -> Result<Vec<u16>, DataError> {
         let hint = "make the dataset again with `volseggs prepare`";
         let fail = |field: &str, problem: String| DataError::field_error(&view.path, None, field, problem, hint);
-        let bytes = crate::files::read_regular(&view.path).map_err(|source| DataError::Io {
-            path: view.path.clone(),
-            action: "read the label image",
-            source,
-            hint: hint.to_owned(),
-        })?;
+        let unreadable = DataError::io(&view.path, "read the label image", hint);
+        let bytes = crate::files::read_regular(&view.path).map_err(unreadable)?;
         let reader = || ImageReader::with_format(Cursor::new(&bytes), ImageFormat::Png);
         let broken = |e: ImageError| fail("pixels", format!("not a readable PNG: {e}"));
         // the size first, so that nothing is decoded because of a damaged header

@@ -1,5 +1,20 @@
 //! Turns a time series of volumes into a dataset: images, cameras, and the ground truth of segments where labels are
 //! known. One step of the volumes is held at a time; the folder appears once it is complete.
+//!
+//! ```text
+//! views:    Fibonacci sphere distributed over the sampled steps; the spiral over all steps     f(options, seed) alone
+//! series:   one step in memory at a time, as f32            files are mapped or streamed; headers checked first
+//! field:    padded by its border; bricks of 4^3 cells with their distance to the next visible one
+//! rays:     a step's values are integrated over the transfer function (prefix sums); gradient only where visible
+//! labels:   label volumes, a scene's own, connected components (one earlier pass over all steps), or ranges of the values
+//! out:      PNG with straight alpha; label images; each segment alone with its mask; ids and opacity on a coarse grid;
+//!           segments.json; prepare.json
+//! ```
+//!
+//! The volume is centred at the origin and its longest side (between outermost voxel centres) fills half the shorter side of
+//! the frame (but is at most the camera's distance), as in the published data. Opacity accrues per *length* (a fraction of the
+//! longest side), so a transfer function looks the same at any resolution and step. Everything is built in a temporary folder
+//! and published in one step.
 
 mod check;
 mod record;

@@ -1,5 +1,6 @@
 //! What can be wrong with a volume, a transfer function or their files: what, where, and how to fix it.
 
+use crate::user_error::UserError;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -32,16 +33,16 @@ pub enum VolumeError {
     },
 }
 
-impl VolumeError {
-    /// Whether the user can fix it; otherwise the system failed or refused.
-    #[must_use]
-    pub fn is_input(&self) -> bool {
+impl UserError for VolumeError {
+    fn is_input(&self) -> bool {
         match self {
             Self::Io { source, .. } => crate::files::is_user_error(source),
             Self::Invalid { .. } => true,
         }
     }
+}
 
+impl VolumeError {
     /// An error of the file system.
     pub fn io(path: &Path, action: &'static str, source: std::io::Error, hint: impl Into<String>) -> Self {
         Self::Io { path: path.to_owned(), action, source, hint: hint.into() }

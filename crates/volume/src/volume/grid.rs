@@ -174,21 +174,35 @@ impl ScalarType {
     /// The name in sidecars and messages: `u8`, `i16`, `f32`, ...
     #[must_use]
     pub fn name(self) -> &'static str {
-        match self {
-            Self::U8 => "u8",
-            Self::I8 => "i8",
-            Self::U16 => "u16",
-            Self::I16 => "i16",
-            Self::U32 => "u32",
-            Self::I32 => "i32",
-            Self::U64 => "u64",
-            Self::I64 => "i64",
-            Self::F16 => "f16",
-            Self::F32 => "f32",
-            Self::F64 => "f64",
-        }
+        SCALAR_NAMES[self as usize].1
+    }
+
+    /// The type of a name: that of [`ScalarType::name`], or another that files use, such as `unsigned char` or `float`.
+    #[must_use]
+    pub fn of_name(name: &str) -> Option<Self> {
+        let known = SCALAR_NAMES.iter().find(|(_, own, others)| *own == name || others.contains(&name));
+        known.map(|(scalar, ..)| *scalar)
     }
 }
+
+/// Every type in the order of the enum, with its name and the other names that files use for it, in lower case.
+const SCALAR_NAMES: [(ScalarType, &str, &[&str]); 11] = [
+    (ScalarType::U8, "u8", &["uchar", "unsigned char", "uint8", "uint8_t", "byte"]),
+    (ScalarType::I8, "i8", &["char", "signed char", "int8", "int8_t"]),
+    (ScalarType::U16, "u16", &["ushort", "unsigned short", "unsigned short int", "uint16", "uint16_t"]),
+    (ScalarType::I16, "i16", &["short", "short int", "signed short", "signed short int", "int16", "int16_t"]),
+    (ScalarType::U32, "u32", &["uint", "unsigned", "unsigned int", "uint32", "uint32_t"]),
+    (ScalarType::I32, "i32", &["int", "signed int", "int32", "int32_t"]),
+    (ScalarType::U64, "u64", &["ulonglong", "unsigned long long", "unsigned long long int", "uint64", "uint64_t"]),
+    (
+        ScalarType::I64,
+        "i64",
+        &["longlong", "long long", "long long int", "signed long long", "signed long long int", "int64", "int64_t"],
+    ),
+    (ScalarType::F16, "f16", &["half", "float16"]),
+    (ScalarType::F32, "f32", &["float", "float32", "single"]),
+    (ScalarType::F64, "f64", &["double", "float64"]),
+];
 
 #[cfg(test)]
 mod tests {
@@ -196,6 +210,15 @@ mod tests {
     use AxisConvention::{LeftPosteriorSuperior as Lps, RightAnteriorSuperior as Ras};
     use glam::DQuat;
     use proptest::prelude::*;
+
+    #[test]
+    fn scalar_types_are_found_by_their_names() {
+        for (i, (scalar, name, others)) in SCALAR_NAMES.into_iter().enumerate() {
+            assert_eq!((scalar as usize, scalar.name(), ScalarType::of_name(name)), (i, name, Some(scalar)));
+            assert!(others.iter().all(|other| ScalarType::of_name(other) == Some(scalar)), "{name}");
+        }
+        assert_eq!(ScalarType::of_name("long double"), None);
+    }
 
     proptest! {
         #[test]

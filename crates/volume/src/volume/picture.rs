@@ -5,7 +5,8 @@ mod bins;
 
 pub use bins::Bins;
 
-use crate::draw::font::{GLYPH_HEIGHT, GLYPH_WIDTH, draw_text};
+use crate::draw::font::{GLYPH_HEIGHT, draw_text, text_width};
+use crate::draw::round_step;
 use crate::volume::transfer::TransferFunction;
 use image::{Rgb, RgbImage};
 
@@ -262,8 +263,7 @@ fn byte(value: f32) -> u8 {
 /// About eight round values from `low` to `high`.
 fn ticks(low: f64, high: f64) -> Vec<f64> {
     let raw = high / 8.0 - low / 8.0;
-    let power = 10f64.powf(raw.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * power).find(|s| *s >= raw * 0.999).unwrap_or(raw);
+    let step = round_step(raw);
     let first = (low / step).ceil();
     (0..12).map(|i| (first + f64::from(i)) * step).take_while(|t| *t <= high + step * 1e-9).collect()
 }
@@ -279,10 +279,6 @@ fn label(value: f64, step: f64) -> String {
     }
     let text = format!("{value:.4}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
-}
-
-fn text_width(text: &str, scale: u32) -> u32 {
-    (text.chars().count() as u32 * (GLYPH_WIDTH + 1)).saturating_sub(1) * scale
 }
 
 fn centered(image: &mut RgbImage, x: f32, y: u32, color: [u8; 3], text: &str) {

@@ -8,15 +8,10 @@ mod sample;
 use super::ops::{FieldBackwardOps, FieldOps, FieldTensors};
 use super::shape::FieldShape;
 use crate::cube::atomic::{AddF32, Exchange, Native};
+use crate::cube::prelude::*;
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, launched, path, rows};
-use burn::backend::tensor::FloatTensor;
 use burn::tensor::DType;
-use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::client::Client;
-use burn_cubecl::cubecl::prelude::*;
 use burn_cubecl::ops::numeric::zeros_client;
-use burn_cubecl::tensor::CubeTensor;
 use sample::{Pair, Quad, is_somewhere, read};
 
 /// Points that a unit of the backward pass visits in turn.

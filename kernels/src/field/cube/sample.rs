@@ -1,7 +1,6 @@
 //! Reading the field around one point on a GPU: the nodes that a feature touches, with values and slopes.
 
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
+use crate::cube::prelude::*;
 
 #[derive(CubeType)]
 pub(super) struct Tap {

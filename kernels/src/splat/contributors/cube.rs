@@ -4,13 +4,11 @@
 #![allow(clippy::collapsible_if)]
 
 use super::{Contributors, ContributorsOps, ContributorsOutput, check_pixels};
+use crate::cube::prelude::*;
 use crate::cube::{UNITS, Words, cubes, scan};
 use crate::splat::cube::rule::{clamped, log_alpha};
 use crate::splat::cube::{TILE, binned, tiles};
 use crate::splat::{ALPHA_MIN, SplatSettings, SplatTensors, TRANSMITTANCE_MIN};
-use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
 
 /// Counts the contributions of each pixel into `starts`, or, with `write`, lists them from there on. The compositing
 /// rule is that of blending.

@@ -118,6 +118,22 @@ impl Contributors {
         (&self.indices[range.clone()], &self.weights[range])
     }
 
+    /// Returns the lists of the pixels `chosen` alone, in that order.
+    ///
+    /// # Panics
+    /// As [`Self::row`].
+    #[must_use]
+    pub fn rows(&self, chosen: &[usize]) -> Self {
+        let mut out = Self { offsets: vec![0], ..Self::default() };
+        for &p in chosen {
+            let (indices, weights) = self.row(p);
+            out.indices.extend_from_slice(indices);
+            out.weights.extend_from_slice(weights);
+            out.offsets.push(out.indices.len() as u32);
+        }
+        out
+    }
+
     /// Iterates over the pairs of Gaussian and weight of [`Self::row`].
     ///
     /// # Panics

@@ -3,7 +3,7 @@
 
 use super::cpu;
 use super::{Contributors, ContributorsError};
-use crate::backend::{CpuBackend, for_cpu_backends};
+use crate::backend::CpuBackend;
 use crate::splat::cpu::{Values, bin::Order, project};
 use crate::splat::{SplatSettings, SplatTensors};
 use burn::backend::tensor::IntTensor;
@@ -29,30 +29,15 @@ pub trait ContributorsOps: Backend {
     ) -> ContributorsOutput<Self>;
 }
 
-fn on_host<B: CpuBackend>(inputs: &SplatTensors<B>, settings: &SplatSettings, pixels: &[u32]) -> ContributorsOutput<B> {
-    let device = inputs.means.device();
-    let values = Values::of::<B>(inputs);
-    let (attributes, offsets) = values.borrow();
-    let splats = project::project(attributes, offsets, settings);
-    let order = Order::new(&splats, &settings.camera);
-    let lists = cpu::of_pixels(&order, settings, pixels);
-    let radii: Vec<i32> = splats.iter().map(|s| s.radius).collect();
-    let n = radii.len();
-    ContributorsOutput { lists, radii: B::int_tensor(radii, [n], &device) }
+impl<B: CpuBackend> ContributorsOps for B {
+    fn contributors(inputs: SplatTensors<Self>, settings: SplatSettings, pixels: Vec<u32>) -> ContributorsOutput<Self> {
+        let values = Values::of::<B>(&inputs);
+        let (attributes, offsets) = values.borrow();
+        let splats = project::project(attributes, offsets, &settings);
+        let order = Order::new(&splats, &settings.camera);
+        let lists = cpu::of_pixels(&order, &settings, &pixels);
+        let radii: Vec<i32> = splats.iter().map(|s| s.radius).collect();
+        let n = radii.len();
+        ContributorsOutput { lists, radii: B::int_tensor(radii, [n], &inputs.means.device()) }
+    }
 }
-
-macro_rules! bind {
-    ($backend:ty) => {
-        impl ContributorsOps for $backend {
-            fn contributors(
-                inputs: SplatTensors<Self>,
-                settings: SplatSettings,
-                pixels: Vec<u32>,
-            ) -> ContributorsOutput<Self> {
-                on_host::<Self>(&inputs, &settings, &pixels)
-            }
-        }
-    };
-}
-
-for_cpu_backends!(bind);

@@ -28,20 +28,13 @@ impl Contributors {
         }
         assert_eq!(features.len() % channels, 0, "gather: features are [N, {channels}], got {}", features.len());
         self.check_indices("gather", features.len() / channels);
-        let arch = crate::arch();
         out.par_chunks_mut(GATHER_ROWS * channels).enumerate().for_each(|(k, chunk)| {
-            wide(
-                arch,
-                #[inline(always)]
-                || {
-                    for (p, pixel) in chunk.chunks_exact_mut(channels).enumerate() {
-                        let (indices, weights) = self.row(k * GATHER_ROWS + p);
-                        for (&i, &w) in indices.iter().zip(weights) {
-                            add_scaled(pixel, &features[i as usize * channels..][..channels], w);
-                        }
-                    }
-                },
-            );
+            wide!(for (p, pixel) in chunk.chunks_exact_mut(channels).enumerate() {
+                let (indices, weights) = self.row(k * GATHER_ROWS + p);
+                for (&i, &w) in indices.iter().zip(weights) {
+                    add_scaled(pixel, &features[i as usize * channels..][..channels], w);
+                }
+            });
         });
         out
     }
@@ -62,24 +55,17 @@ impl Contributors {
         // each task owns a range of Gaussians and walks all entries in order, so that the order of the additions to a
         // Gaussian does not depend on how the ranges are chosen
         let range = (SCATTER_VALUES / channels).max(n.div_ceil(SCATTER_TASKS)).max(1);
-        let arch = crate::arch();
         out.par_chunks_mut(range * channels).enumerate().for_each(|(k, chunk)| {
             let (start, size) = ((k * range) as u32, (chunk.len() / channels) as u32);
-            wide(
-                arch,
-                #[inline(always)]
-                || {
-                    for (p, grad) in grads.chunks_exact(channels).enumerate() {
-                        let (indices, weights) = self.row(p);
-                        for (&i, &w) in indices.iter().zip(weights) {
-                            let at = i.wrapping_sub(start);
-                            if at < size {
-                                add_scaled(&mut chunk[at as usize * channels..][..channels], grad, w);
-                            }
-                        }
+            wide!(for (p, grad) in grads.chunks_exact(channels).enumerate() {
+                let (indices, weights) = self.row(p);
+                for (&i, &w) in indices.iter().zip(weights) {
+                    let at = i.wrapping_sub(start);
+                    if at < size {
+                        add_scaled(&mut chunk[at as usize * channels..][..channels], grad, w);
                     }
-                },
-            );
+                }
+            });
         });
         out
     }

@@ -70,7 +70,6 @@ impl Order {
         let indices = depth_order(splats);
         let mut sorted = filled(Splat2d::default(), indices.len());
         let (mut rows, mut columns) = (vec![[0; 2]; indices.len()], vec![[0; 2]; indices.len()]);
-        let arch = crate::arch();
         const CHUNK: usize = 4096;
         let boxes = rows.par_chunks_mut(CHUNK).zip(columns.par_chunks_mut(CHUNK));
         (sorted.par_chunks_mut(CHUNK), boxes, indices.par_chunks(CHUNK)).into_par_iter().for_each(
@@ -78,15 +77,9 @@ impl Order {
                 for (to, &i) in sorted.iter_mut().zip(indices) {
                     *to = splats[i as usize];
                 }
-                wide(
-                    arch,
-                    #[inline(always)]
-                    || {
-                        for ((rows, columns), s) in rows.iter_mut().zip(columns).zip(sorted) {
-                            [*rows, *columns] = tile_box(s, tiles);
-                        }
-                    },
-                );
+                wide!(for ((rows, columns), s) in rows.iter_mut().zip(columns).zip(sorted) {
+                    [*rows, *columns] = tile_box(s, tiles);
+                });
             },
         );
         Self { splats: sorted, indices, rows, columns }

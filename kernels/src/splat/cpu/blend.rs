@@ -98,11 +98,7 @@ fn blend_row(order: &Order, settings: &SplatSettings, row: usize, tiles_x: usize
     let mut takes = vec![true; tiles_x];
     let mut lists = RowLists::default();
     for slab in order.slabs() {
-        wide(
-            arch,
-            #[inline(always)]
-            || order.list(slab, row, &takes, &mut lists),
-        );
+        wide!(order.list(slab, row, &takes, &mut lists));
         for x in 0..tiles_x {
             let entries = &lists.row.entries[lists.row.offsets[x] as usize..lists.row.offsets[x + 1] as usize];
             if entries.is_empty() {

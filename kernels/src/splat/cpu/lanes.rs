@@ -1,7 +1,7 @@
 //! The few vector operations that blending needs, over any SIMD width that `pulp` finds at run time.
 
 use pulp::bytemuck;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 /// `log2(e)`.
 pub(crate) const LOG2_E: f32 = std::f32::consts::LOG2_E;
@@ -58,8 +58,20 @@ impl<R, F: FnOnce() -> R> WithSimd for Wide<F> {
     }
 }
 
-/// Runs a closure, marked `#[inline(always)]`, compiled for the machine's widest instruction set.
+/// Runs a closure compiled for the machine's widest instruction set; see [`wide`].
 #[inline(always)]
-pub(crate) fn wide<R>(arch: Arch, f: impl FnOnce() -> R) -> R {
-    arch.dispatch(Wide(f))
+pub(crate) fn run_wide<R>(f: impl FnOnce() -> R) -> R {
+    crate::arch().dispatch(Wide(f))
 }
+
+/// Evaluates an expression, without `return` or `?`, compiled for the machine's widest instruction set. Only a closure
+/// marked `#[inline(always)]` is certain to be compiled so, and a function cannot mark its argument.
+macro_rules! wide {
+    ($body:expr) => {
+        $crate::splat::cpu::lanes::run_wide(
+            #[inline(always)]
+            || $body,
+        )
+    };
+}
+pub(crate) use wide;

@@ -1,4 +1,4 @@
-//! The splat op in host memory: the stages in order, and the binding to NdArray, Flex and LibTorch.
+//! The splat op in host memory: the stages in order, and their binding to the backends.
 //!
 //! project (per Gaussian) -> order (depth) -> list and blend (one task per row of tiles, slab by slab of depth);
 //! backward: blend again front to back with gradients, merge per Gaussian in a fixed order, then back through the
@@ -18,7 +18,7 @@ pub(crate) mod rule;
 mod tests;
 
 use super::{CovarianceTensors, SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
-use crate::backend::{CpuBackend, for_cpu_backends};
+use crate::backend::CpuBackend;
 use bin::{Bins, Order};
 use burn::backend::TensorMetadata;
 use burn::backend::tensor::FloatTensor;
@@ -111,72 +111,46 @@ fn forward(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings
     (image, radii, Saved { order, bins, image: kept })
 }
 
-impl<B: CpuBackend> CpuSplat for B {}
-
-/// The op for any backend in host memory; the public trait is implemented by forwarding to this.
-trait CpuSplat: CpuBackend {
-    fn cpu_forward(inputs: &SplatTensors<Self>, settings: SplatSettings) -> SplatForward<Self> {
+impl<B: CpuBackend> SplatOps for B {
+    fn splat_forward(inputs: SplatTensors<Self>, settings: SplatSettings, _: bool) -> SplatForward<Self> {
         let device = inputs.means.device();
-        let n = inputs.means.shape()[0];
-        let values = Values::of::<Self>(inputs);
+        let values = Values::of::<B>(&inputs);
         let (attributes, offsets) = values.borrow();
         let (image, radii, saved) = forward(attributes, offsets, &settings);
         SplatForward {
-            image: Self::tensor(image, [settings.camera.height, settings.camera.width, 4], &device),
-            radii: Self::int_tensor(radii, [n], &device),
+            image: B::tensor(image, [settings.camera.height, settings.camera.width, 4], &device),
+            radii: B::int_tensor(radii, [attributes.len()], &device),
             saved: SplatSaved(Arc::new(saved)),
         }
     }
+}
 
-    fn cpu_backward(
-        inputs: &SplatTensors<Self>,
-        grad_image: &FloatTensor<Self>,
+impl<B: CpuBackend> SplatBackwardOps for B {
+    fn splat_backward(
+        inputs: SplatTensors<Self>,
+        grad_image: FloatTensor<Self>,
         settings: SplatSettings,
         saved: SplatSaved,
     ) -> SplatTensors<Self> {
-        let device = inputs.means.device();
-        let n = inputs.means.shape()[0];
-        let values = Values::of::<Self>(inputs);
+        let values = Values::of::<B>(&inputs);
         let (attributes, _) = values.borrow();
-        let sh_stride = attributes.sh_stride;
         let saved = saved.0.downcast_ref::<Saved>().expect("the forward pass ran on the same backend");
-        let screen = blend_backward::blend_backward(saved, &Self::values(grad_image), &settings);
+        let screen = blend_backward::blend_backward(saved, &B::values(&grad_image), &settings);
         let g = project_backward::project_backward(attributes, &saved.order, &screen, &settings);
+        let device = inputs.means.device();
+        let (n, sh_stride) = (attributes.len(), attributes.sh_stride);
         SplatTensors {
-            means: Self::tensor(g.means, [n, 3], &device),
+            means: B::tensor(g.means, [n, 3], &device),
             covariances: match g.covariances {
                 Covariances::Factored { rotations, log_scales } => CovarianceTensors::Factored {
-                    rotations: Self::tensor(rotations, [n, 4], &device),
-                    log_scales: Self::tensor(log_scales, [n, 3], &device),
+                    rotations: B::tensor(rotations, [n, 4], &device),
+                    log_scales: B::tensor(log_scales, [n, 3], &device),
                 },
-                Covariances::Entries(entries) => CovarianceTensors::Entries(Self::tensor(entries, [n, 6], &device)),
+                Covariances::Entries(entries) => CovarianceTensors::Entries(B::tensor(entries, [n, 6], &device)),
             },
-            opacity_logits: Self::tensor(g.opacity_logits, [n], &device),
-            sh: Self::tensor(g.sh, [n, sh_stride, 3], &device),
-            screen_offsets: Self::tensor(g.screen_offsets, [n, 2], &device),
+            opacity_logits: B::tensor(g.opacity_logits, [n], &device),
+            sh: B::tensor(g.sh, [n, sh_stride, 3], &device),
+            screen_offsets: B::tensor(g.screen_offsets, [n, 2], &device),
         }
     }
 }
-
-macro_rules! bind {
-    ($backend:ty) => {
-        impl SplatOps for $backend {
-            fn splat_forward(inputs: SplatTensors<Self>, settings: SplatSettings, _: bool) -> SplatForward<Self> {
-                Self::cpu_forward(&inputs, settings)
-            }
-        }
-
-        impl SplatBackwardOps for $backend {
-            fn splat_backward(
-                inputs: SplatTensors<Self>,
-                grad_image: FloatTensor<Self>,
-                settings: SplatSettings,
-                saved: SplatSaved,
-            ) -> SplatTensors<Self> {
-                Self::cpu_backward(&inputs, &grad_image, settings, saved)
-            }
-        }
-    };
-}
-
-for_cpu_backends!(bind);

@@ -94,20 +94,13 @@ const CHUNK: usize = 1024;
 /// Projects all Gaussians; those that are culled have radius 0.
 pub(crate) fn project(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings) -> Vec<Splat2d> {
     let eye = settings.camera.position();
-    let arch = crate::arch();
     let mut splats = filled(Splat2d::default(), attributes.len());
     splats.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, out)| {
-        wide(
-            arch,
-            #[inline(always)]
-            || {
-                for (j, splat) in out.iter_mut().enumerate() {
-                    let i = chunk * CHUNK + j;
-                    let offset = [offsets[2 * i], offsets[2 * i + 1]];
-                    *splat = project_one(attributes, i, offset, eye, settings).unwrap_or_default();
-                }
-            },
-        );
+        wide!(for (j, splat) in out.iter_mut().enumerate() {
+            let i = chunk * CHUNK + j;
+            let offset = [offsets[2 * i], offsets[2 * i + 1]];
+            *splat = project_one(attributes, i, offset, eye, settings).unwrap_or_default();
+        });
     });
     splats
 }

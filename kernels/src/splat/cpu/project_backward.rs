@@ -39,7 +39,6 @@ pub(super) fn project_backward(
     };
     let eye = settings.camera.position();
     const CHUNK: usize = 1024;
-    let arch = crate::arch();
     let chunks = (
         g.means.par_chunks_mut(3 * CHUNK),
         g.covariances.chunks_mut(CHUNK),
@@ -48,22 +47,16 @@ pub(super) fn project_backward(
         g.screen_offsets.par_chunks_mut(2 * CHUNK),
     );
     chunks.into_par_iter().enumerate().for_each(|(c, (means, mut covariances, logits, sh, offsets))| {
-        wide(
-            arch,
-            #[inline(always)]
-            || {
-                for j in 0..logits.len() {
-                    let i = c * CHUNK + j;
-                    let rank = ranks[i] as usize;
-                    let Some(g) = screen.get(rank).filter(|g| g.iter().any(|v| *v != 0.0)) else { continue };
-                    let out = one(a, i, &order.splats[rank], g, eye, settings, &mut sh[width * j..][..width]);
-                    means[3 * j..][..3].copy_from_slice(&out.mean);
-                    covariances.set(j, &out.covariance);
-                    logits[j] = out.opacity_logit;
-                    offsets[2 * j..][..2].copy_from_slice(&out.screen);
-                }
-            },
-        );
+        wide!(for j in 0..logits.len() {
+            let i = c * CHUNK + j;
+            let rank = ranks[i] as usize;
+            let Some(g) = screen.get(rank).filter(|g| g.iter().any(|v| *v != 0.0)) else { continue };
+            let out = one(a, i, &order.splats[rank], g, eye, settings, &mut sh[width * j..][..width]);
+            means[3 * j..][..3].copy_from_slice(&out.mean);
+            covariances.set(j, &out.covariance);
+            logits[j] = out.opacity_logit;
+            offsets[2 * j..][..2].copy_from_slice(&out.screen);
+        });
     });
     g
 }

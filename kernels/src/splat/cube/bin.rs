@@ -6,11 +6,9 @@
 
 use super::TILE;
 use super::project::CULLED;
+use crate::cube::prelude::*;
 use crate::cube::{UNITS, Words, cubes, is_finite, scan, sort};
 use crate::splat::ALPHA_MIN;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::client::Client;
-use burn_cubecl::cubecl::prelude::*;
 
 /// The entries of all tiles.
 #[derive(Clone, Debug)]

@@ -2,9 +2,8 @@
 
 use super::rule::{clamped, log_alpha};
 use super::{BATCH, SEGMENT, TILE};
+use crate::cube::prelude::*;
 use crate::splat::{ALPHA_MIN, TRANSMITTANCE_MIN};
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
 
 /// Renders `image` `[H, W, 4]`. With `save`, also stores the states from which the backward pass starts: at every
 /// [`SEGMENT`]-th entry of a tile, the transmittance (negative once a pixel is finished) and colour of its pixels,

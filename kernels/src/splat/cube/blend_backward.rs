@@ -10,9 +10,8 @@
 
 use super::rule::{clamped, log_alpha};
 use super::{LINE, SEGMENT, TILE};
+use crate::cube::prelude::*;
 use crate::splat::{ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN};
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
 
 /// Clears the sums of entries that were listed in no tile: they were counted, and then not found again.
 #[cube(launch)]

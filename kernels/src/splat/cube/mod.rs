@@ -20,14 +20,10 @@ mod sh;
 mod views;
 
 use super::{CovarianceTensors, SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
+use crate::cube::prelude::*;
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, empty_i32, rows};
 use crate::sh::Bands;
 use bin::Bins;
-use burn::backend::tensor::FloatTensor;
-use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl::client::Client;
-use burn_cubecl::cubecl::prelude::*;
-use burn_cubecl::tensor::CubeTensor;
 use std::sync::Arc;
 
 /// Tile side in pixels.

@@ -3,9 +3,9 @@
 use super::covariance::on_screen;
 use super::sh::{basis, count};
 use crate::cube::is_finite;
+use crate::cube::prelude::*;
+use crate::cube::vector::{Vec3, dot, scaled, sum_of_two, vec3_at};
 use crate::splat::{ALPHA_MIN, NEAR, SplatSettings};
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
 
 /// Words per projected Gaussian: x, y, qa, qb, qc, ln(opacity), red, green, blue, extent x, extent y, unused.
 ///
@@ -32,71 +32,46 @@ pub(super) fn camera_words(settings: &SplatSettings) -> Vec<f32> {
 #[derive(CubeType)]
 pub(super) struct View {
     /// Position in camera space.
-    pub cx: f32,
-    pub cy: f32,
-    pub cz: f32,
+    pub at: Vec3,
     pub slope_x: f32,
     pub slope_y: f32,
     pub clamped_x: bool,
     pub clamped_y: bool,
     /// `J W`, two rows.
-    pub u0: f32,
-    pub u1: f32,
-    pub u2: f32,
-    pub v0: f32,
-    pub v1: f32,
-    pub v2: f32,
+    pub u: Vec3,
+    pub v: Vec3,
 }
 
 #[cube]
 pub(super) fn view(means: &[f32], camera: &[f32], i: usize) -> View {
-    let (mx, my, mz) = (means[3 * i], means[3 * i + 1], means[3 * i + 2]);
+    let mean = vec3_at(means, 3 * i);
+    let (wx, wy, wz) = (vec3_at(camera, 4), vec3_at(camera, 7), vec3_at(camera, 10));
     let (fx, fy) = (camera[0], camera[1]);
-    let cx = camera[4] * mx + camera[5] * my + camera[6] * mz + camera[13];
-    let cy = camera[7] * mx + camera[8] * my + camera[9] * mz + camera[14];
-    let cz = camera[10] * mx + camera[11] * my + camera[12] * mz + camera[15];
-    let iz = 1.0f32 / cz;
+    let at = Vec3 { x: dot(&wx, &mean) + camera[13], y: dot(&wy, &mean) + camera[14], z: dot(&wz, &mean) + camera[15] };
+    let iz = 1.0f32 / at.z;
     let (left, right, top, bottom) = (camera[19], camera[20], camera[21], camera[22]);
-    let (raw_x, raw_y) = (cx * iz, cy * iz);
+    let (raw_x, raw_y) = (at.x * iz, at.y * iz);
     let clamped_x = raw_x < left || raw_x > right;
     let clamped_y = raw_y < top || raw_y > bottom;
     let slope_x = clamp(raw_x, left, right);
     let slope_y = clamp(raw_y, top, bottom);
-    let (j00, j02) = (fx * iz, -fx * slope_x * iz);
-    let (j11, j12) = (fy * iz, -fy * slope_y * iz);
-    View {
-        cx,
-        cy,
-        cz,
-        slope_x,
-        slope_y,
-        clamped_x,
-        clamped_y,
-        u0: j00 * camera[4] + j02 * camera[10],
-        u1: j00 * camera[5] + j02 * camera[11],
-        u2: j00 * camera[6] + j02 * camera[12],
-        v0: j11 * camera[7] + j12 * camera[10],
-        v1: j11 * camera[8] + j12 * camera[11],
-        v2: j11 * camera[9] + j12 * camera[12],
-    }
+    let u = sum_of_two(fx * iz, &wx, -fx * slope_x * iz, &wz);
+    let v = sum_of_two(fy * iz, &wy, -fy * slope_y * iz, &wz);
+    View { at, slope_x, slope_y, clamped_x, clamped_y, u, v }
 }
 
 /// Unit direction from the camera to the mean, and the inverse of the distance.
 #[derive(CubeType)]
 pub(super) struct Direction {
-    pub x: f32,
-    pub y: f32,
-    pub z: f32,
+    pub unit: Vec3,
     pub inverse: f32,
 }
 
 #[cube]
 pub(super) fn view_direction(means: &[f32], camera: &[f32], i: usize) -> Direction {
-    let dx = means[3 * i] - camera[16];
-    let dy = means[3 * i + 1] - camera[17];
-    let dz = means[3 * i + 2] - camera[18];
-    let inverse = 1.0f32 / max(f32::sqrt(dx * dx + dy * dy + dz * dz), 1e-20f32);
-    Direction { x: dx * inverse, y: dy * inverse, z: dz * inverse, inverse }
+    let d = Vec3 { x: means[3 * i] - camera[16], y: means[3 * i + 1] - camera[17], z: means[3 * i + 2] - camera[18] };
+    let inverse = 1.0f32 / max(f32::sqrt(dot(&d, &d)), 1e-20f32);
+    Direction { unit: scaled(&d, inverse), inverse }
 }
 
 /// Projects one Gaussian per unit: `screen` `[N, 12]`, depth keys, indices to sort with them, radii. For `source`, see
@@ -130,9 +105,9 @@ pub(super) fn project(
         let (width, height) = (camera[23], camera[24]);
         let opacity = 1.0f32 / (1.0f32 + f32::exp(-opacity_logits[i]));
         let inverse = 1.0f32 / determinant;
-        let iz = 1.0f32 / at_camera.cz;
-        let x = camera[0] * at_camera.cx * iz + camera[2] + offsets[2 * i];
-        let y = camera[1] * at_camera.cy * iz + camera[3] + offsets[2 * i + 1];
+        let iz = 1.0f32 / at_camera.at.z;
+        let x = camera[0] * at_camera.at.x * iz + camera[2] + offsets[2 * i];
+        let y = camera[1] * at_camera.at.y * iz + camera[3] + offsets[2 * i + 1];
         // alpha >= 1/255 inside the ellipse d^T conic d <= reach
         let reach = 2.0f32 * f32::ln(opacity / comptime!(ALPHA_MIN));
         let extent_x = f32::sqrt(max(reach * ca, 0.0f32));
@@ -142,7 +117,7 @@ pub(super) fn project(
         let d = view_direction(means, camera, i);
         let base = i * 3 * sh_stride as usize;
         let mut b = Array::<f32>::new(16usize);
-        basis(&mut b, d.x, d.y, d.z, degree, even);
+        basis(&mut b, &d.unit, degree, even);
         let mut red = 0.5f32;
         let mut green = 0.5f32;
         let mut blue = 0.5f32;
@@ -154,7 +129,7 @@ pub(super) fn project(
         }
         let finite = is_finite(opacity)
             && s.valid
-            && is_finite(at_camera.cz)
+            && is_finite(at_camera.at.z)
             && is_finite(qa + qb + qc)
             && is_finite(determinant)
             && is_finite(x + y + extent_x + extent_y)
@@ -163,7 +138,7 @@ pub(super) fn project(
             && is_finite(blue);
         let drawn = finite
             && opacity >= comptime!(ALPHA_MIN)
-            && at_camera.cz > comptime!(NEAR)
+            && at_camera.at.z > comptime!(NEAR)
             && inverse > 0.0f32
             && x + extent_x >= 0.0f32
             && x - extent_x <= width
@@ -184,7 +159,7 @@ pub(super) fn project(
             screen[at + 9] = extent_x;
             screen[at + 10] = extent_y;
             // depths are positive, so their bits sort as integers
-            keys[i] = u32::reinterpret(at_camera.cz);
+            keys[i] = u32::reinterpret(at_camera.at.z);
             let mid = 0.5f32 * (ca + cc);
             let lambda = mid + f32::sqrt(max(mid * mid - determinant, 0.1f32));
             radii[i] = i32::cast_from(min(f32::ceil(3.0f32 * f32::sqrt(lambda)), 1e9f32));

@@ -4,8 +4,8 @@
 use super::covariance::{backward, no_gradient};
 use super::project::{view, view_direction};
 use super::sh::{basis, basis_derivative, count};
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
+use crate::cube::prelude::*;
+use crate::cube::vector::{dot, vec3_at};
 
 /// Processes one position of the depth order per unit; writes every output of its Gaussian, zeros where nothing was
 /// drawn. For `source`, see [`super::covariance::on_screen`].
@@ -137,15 +137,14 @@ fn one(
 
     // then through the Jacobian and the position to camera space
     let by = backward(source, log_scales, &at_camera, va, vb, vc, out_source, out_log_scales, i, entries);
-    let j00 = by.u0 * camera[4] + by.u1 * camera[5] + by.u2 * camera[6];
-    let j02 = by.u0 * camera[10] + by.u1 * camera[11] + by.u2 * camera[12];
-    let j11 = by.v0 * camera[7] + by.v1 * camera[8] + by.v2 * camera[9];
-    let j12 = by.v0 * camera[10] + by.v1 * camera[11] + by.v2 * camera[12];
-    let iz = 1.0f32 / at_camera.cz;
+    let (wx, wy, wz) = (vec3_at(camera, 4), vec3_at(camera, 7), vec3_at(camera, 10));
+    let (j00, j02) = (dot(&by.u, &wx), dot(&by.u, &wz));
+    let (j11, j12) = (dot(&by.v, &wy), dot(&by.v, &wz));
+    let iz = 1.0f32 / at_camera.at.z;
     let iz2 = iz * iz;
     let mut cx = screen_x * fx * iz;
     let mut cy = screen_y * fy * iz;
-    let mut cz = -(screen_x * fx * at_camera.cx + screen_y * fy * at_camera.cy) * iz2 - (j00 * fx + j11 * fy) * iz2;
+    let mut cz = -(screen_x * fx * at_camera.at.x + screen_y * fy * at_camera.at.y) * iz2 - (j00 * fx + j11 * fy) * iz2;
     // J02 = -fx slope / z; a clamped slope is a constant, a free one is x/z
     if at_camera.clamped_x {
         cz += j02 * fx * at_camera.slope_x * iz2;
@@ -159,9 +158,9 @@ fn one(
         cy -= j12 * fy * iz2;
         cz += 2.0f32 * j12 * fy * at_camera.slope_y * iz2;
     }
-    let mut mx = camera[4] * cx + camera[7] * cy + camera[10] * cz;
-    let mut my = camera[5] * cx + camera[8] * cy + camera[11] * cz;
-    let mut mz = camera[6] * cx + camera[9] * cy + camera[12] * cz;
+    let mut mx = wx.x * cx + wy.x * cy + wz.x * cz;
+    let mut my = wx.y * cx + wy.y * cy + wz.y * cz;
+    let mut mz = wx.z * cx + wy.z * cy + wz.z * cz;
 
     // colour; a channel clamped at zero passes no gradient on
     let red = select(screen[i * 12 + 6] > 0.0f32, g[6], 0.0f32);
@@ -169,7 +168,7 @@ fn one(
     let blue = select(screen[i * 12 + 8] > 0.0f32, g[8], 0.0f32);
     let d = view_direction(means, camera, i);
     let mut b = Array::<f32>::new(16usize);
-    basis(&mut b, d.x, d.y, d.z, degree, even);
+    basis(&mut b, &d.unit, degree, even);
     let used = comptime!(count(degree, even));
     let base = i * width;
     #[unroll]
@@ -185,7 +184,7 @@ fn one(
         let mut by_x = Array::<f32>::new(16usize);
         let mut by_y = Array::<f32>::new(16usize);
         let mut by_z = Array::<f32>::new(16usize);
-        basis_derivative(&mut by_x, &mut by_y, &mut by_z, d.x, d.y, d.z, degree, even);
+        basis_derivative(&mut by_x, &mut by_y, &mut by_z, &d.unit, degree, even);
         let mut vx = 0.0f32;
         let mut vy = 0.0f32;
         let mut vz = 0.0f32;
@@ -196,10 +195,10 @@ fn one(
             vy += by_y[k] * e;
             vz += by_z[k] * e;
         }
-        let along = vx * d.x + vy * d.y + vz * d.z;
-        mx += (vx - along * d.x) * d.inverse;
-        my += (vy - along * d.y) * d.inverse;
-        mz += (vz - along * d.z) * d.inverse;
+        let along = vx * d.unit.x + vy * d.unit.y + vz * d.unit.z;
+        mx += (vx - along * d.unit.x) * d.inverse;
+        my += (vy - along * d.unit.y) * d.inverse;
+        mz += (vz - along * d.unit.z) * d.inverse;
     }
     out_means[3 * i] = mx;
     out_means[3 * i + 1] = my;

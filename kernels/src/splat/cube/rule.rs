@@ -1,9 +1,8 @@
 //! The compositing rule for one pixel, shared by drawing, its replay in the backward pass and the lists of
 //! contributors, so that all three see the same weights.
 
+use crate::cube::prelude::*;
 use crate::splat::ALPHA_MAX;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
 
 /// Returns `ln` of alpha before it is clamped, at (dx, dy) from the Gaussian's centre.
 #[cube]

@@ -1,18 +1,19 @@
 //! Real spherical harmonics, as in [`crate::sh`], written out as the kernel language requires.
 
+use crate::cube::prelude::*;
+use crate::cube::vector::Vec3;
 use crate::sh::{Bands, C0, C1, C2, C3, C3E, C4};
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
 
 /// Returns the number of coefficients in use.
 pub(super) fn count(degree: u32, even: bool) -> usize {
     if even { Bands::Even.count(degree as usize) } else { Bands::All.count(degree as usize) }
 }
 
-/// Writes the values of the basis functions up to `degree`, of all bands or of `even` ones, at the unit direction
-/// (x, y, z) to `b` `[16]`.
+/// Writes the values of the basis functions up to `degree`, of all bands or of `even` ones, at the unit direction `d` to
+/// `b` `[16]`.
 #[cube]
-pub(super) fn basis(b: &mut Array<f32>, x: f32, y: f32, z: f32, #[comptime] degree: u32, #[comptime] even: bool) {
+pub(super) fn basis(b: &mut Array<f32>, d: &Vec3, #[comptime] degree: u32, #[comptime] even: bool) {
+    let (x, y, z) = (d.x, d.y, d.z);
     b[0] = comptime!(C0);
     // where band 2 begins
     let s = comptime!(if even { 1usize } else { 4usize });
@@ -67,12 +68,11 @@ pub(super) fn basis_derivative(
     dx: &mut Array<f32>,
     dy: &mut Array<f32>,
     dz: &mut Array<f32>,
-    x: f32,
-    y: f32,
-    z: f32,
+    d: &Vec3,
     #[comptime] degree: u32,
     #[comptime] even: bool,
 ) {
+    let (x, y, z) = (d.x, d.y, d.z);
     // where band 2 begins
     let s = comptime!(if even { 1usize } else { 4usize });
     #[unroll]

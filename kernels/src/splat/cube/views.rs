@@ -1,11 +1,9 @@
 //! Statistics of views for densification, one unit per Gaussian.
 
+use crate::cube::prelude::*;
 use crate::cube::{UNITS, arg, cubes, empty_f32, rows};
 use crate::splat::views::{ViewSumsOps, ViewSumsOutput};
-use burn::backend::tensor::{FloatTensor, IntTensor};
-use burn_cubecl::CubeBackend;
-use burn_cubecl::cubecl;
-use burn_cubecl::cubecl::prelude::*;
+use burn::backend::tensor::IntTensor;
 use burn_cubecl::kernel::into_contiguous;
 
 #[cube(launch)]

@@ -9,6 +9,7 @@
 mod backward;
 
 use super::{ALPHA_MAX, ALPHA_MIN, MINOR_SLACK, NEAR, SplatSettings, TRANSMITTANCE_MIN};
+use crate::sh::exact_basis;
 
 pub use backward::backward;
 
@@ -163,12 +164,7 @@ fn geometry(scene: &Scene, i: usize, settings: &SplatSettings) -> Geometry {
     let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt();
     let norm = if norm <= 1e-12 { 0.0 } else { norm };
     let quaternion = if norm == 0.0 { [1.0, 0.0, 0.0, 0.0] } else { q.map(|v| v / norm) };
-    let [qw, qx, qy, qz] = quaternion;
-    let rotation = [
-        [1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy - qw * qz), 2.0 * (qx * qz + qw * qy)],
-        [2.0 * (qx * qy + qw * qz), 1.0 - 2.0 * (qx * qx + qz * qz), 2.0 * (qy * qz - qw * qx)],
-        [2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)],
-    ];
+    let rotation = rotation_matrix(quaternion);
     let scale: [f64; 3] = std::array::from_fn(|k| scene.log_scales[3 * i + k].exp());
     let sigma = match scene.covariances.get(6 * i..6 * i + 6) {
         Some(&[xx, xy, xz, yy, yz, zz]) => [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]],
@@ -206,6 +202,15 @@ fn geometry(scene: &Scene, i: usize, settings: &SplatSettings) -> Geometry {
         covariance,
         direction: std::array::from_fn(|k| mean[k] - eye[k]),
     }
+}
+
+/// The rotation matrix of a unit quaternion, by rows.
+pub(crate) fn rotation_matrix([w, x, y, z]: [f64; 4]) -> [[f64; 3]; 3] {
+    [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
 }
 
 /// `R S S^T R^T`
@@ -271,60 +276,8 @@ fn project(scene: &Scene, i: usize, settings: &SplatSettings) -> Option<Projecte
 /// Returns the basis functions of a scene's coefficients up to `degree`: of even bands alone where their number is that
 /// of even ones.
 fn basis_of(scene: &Scene, direction: [f64; 3], degree: usize) -> Vec<f64> {
-    let all = sh_basis(direction, degree);
-    if ![6, 15].contains(&scene.sh_stride) {
-        return all;
-    }
-    let even = |k: usize| k.isqrt().is_multiple_of(2);
-    (0..all.len()).filter(|&k| even(k)).map(|k| all[k]).collect()
-}
-
-/// Returns the `(degree + 1)^2` spherical harmonics, in the order and signs of 3DGS, from their definition and
-/// deliberately not from the kernels' constants.
-fn sh_basis([x, y, z]: [f64; 3], degree: usize) -> Vec<f64> {
-    use std::f64::consts::PI;
-    let mut b = vec![0.5 * (1.0 / PI).sqrt()];
-    if degree >= 1 {
-        let c = (3.0 / (4.0 * PI)).sqrt();
-        b.extend([-c * y, c * z, -c * x]);
-    }
-    if degree >= 2 {
-        let c = 0.5 * (15.0 / PI).sqrt();
-        let c20 = 0.25 * (5.0 / PI).sqrt();
-        b.extend([c * x * y, -c * y * z, c20 * (2.0 * z * z - x * x - y * y), -c * x * z, 0.5 * c * (x * x - y * y)]);
-    }
-    if degree >= 3 {
-        let c3 = 0.25 * (35.0 / (2.0 * PI)).sqrt();
-        let c2 = 0.5 * (105.0 / PI).sqrt();
-        let c1 = 0.25 * (21.0 / (2.0 * PI)).sqrt();
-        let c0 = 0.25 * (7.0 / PI).sqrt();
-        b.extend([
-            -c3 * y * (3.0 * x * x - y * y),
-            c2 * x * y * z,
-            -c1 * y * (4.0 * z * z - x * x - y * y),
-            c0 * z * (2.0 * z * z - 3.0 * x * x - 3.0 * y * y),
-            -c1 * x * (4.0 * z * z - x * x - y * y),
-            0.5 * c2 * z * (x * x - y * y),
-            -c3 * x * (x * x - 3.0 * y * y),
-        ]);
-    }
-    if degree >= 4 {
-        let c4 = 0.75 * (35.0 / PI).sqrt();
-        let c3 = 0.75 * (35.0 / (2.0 * PI)).sqrt();
-        let c2 = 0.75 * (5.0 / PI).sqrt();
-        let c1 = 0.75 * (5.0 / (2.0 * PI)).sqrt();
-        let c0 = 3.0 / 16.0 * (1.0 / PI).sqrt();
-        b.extend([
-            c4 * x * y * (x * x - y * y),
-            -c3 * y * z * (3.0 * x * x - y * y),
-            c2 * x * y * (7.0 * z * z - 1.0),
-            -c1 * y * z * (7.0 * z * z - 3.0),
-            c0 * (35.0 * z.powi(4) - 30.0 * z * z + 3.0),
-            -c1 * x * z * (7.0 * z * z - 3.0),
-            0.5 * c2 * (x * x - y * y) * (7.0 * z * z - 1.0),
-            -c3 * x * z * (x * x - 3.0 * y * y),
-            0.25 * c4 * (x.powi(4) - 6.0 * x * x * y * y + y.powi(4)),
-        ]);
-    }
-    b
+    let even = [6, 15].contains(&scene.sh_stride);
+    let wanted = |(k, _): &(usize, f64)| !even || k.isqrt().is_multiple_of(2);
+    let all = exact_basis(direction).into_iter().take((degree + 1).pow(2));
+    all.enumerate().filter(wanted).map(|(_, b)| b).collect()
 }

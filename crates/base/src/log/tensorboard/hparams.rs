@@ -85,14 +85,13 @@ impl HyperParameter {
 
     /// A `google.protobuf.Value`.
     fn value(&self) -> Message {
-        let mut value = Message::default();
+        let value = Message::default();
         match self {
             Self::Number(number) if number.is_finite() => value.double(field::NUMBER, *number),
-            Self::Number(number) => value.bytes(field::STRING, number.to_string().as_bytes()),
-            Self::Text(text) => value.bytes(field::STRING, text.as_bytes()),
+            Self::Number(number) => value.bytes(field::STRING, number.to_string()),
+            Self::Text(text) => value.bytes(field::STRING, text),
             Self::Flag(flag) => value.varint(field::BOOL, u64::from(*flag)),
         }
-        value
     }
 }
 
@@ -112,30 +111,23 @@ impl EventWriter {
         metrics: &[(&str, &str)],
         group: &str,
     ) -> io::Result<()> {
-        let (mut experiment, mut start) = (Message::default(), Message::default());
-        experiment.double(field::TIME_CREATED, now());
+        let mut experiment = Message::default().double(field::TIME_CREATED, now());
+        let mut start = Message::default();
         for (name, setting) in settings {
-            let (mut info, mut entry) = (Message::default(), Message::default());
-            info.bytes(field::HPARAM_NAME, name.as_bytes());
-            info.varint(field::HPARAM_TYPE, setting.kind());
+            let info = Message::default().bytes(field::HPARAM_NAME, name).varint(field::HPARAM_TYPE, setting.kind());
             // TensorBoard cannot know this, and shows these settings first
-            info.varint(field::HPARAM_DIFFERS, 1);
-            experiment.bytes(field::HPARAM_INFOS, &info.0);
-            entry.bytes(field::KEY, name.as_bytes());
-            entry.bytes(field::VALUE, &setting.value().0);
-            start.bytes(field::HPARAMS, &entry.0);
+            experiment = experiment.bytes(field::HPARAM_INFOS, info.varint(field::HPARAM_DIFFERS, 1));
+            let entry = Message::default().bytes(field::KEY, name).bytes(field::VALUE, setting.value());
+            start = start.bytes(field::HPARAMS, entry);
         }
         for (tag, shown) in metrics {
-            let (mut name, mut info) = (Message::default(), Message::default());
-            name.bytes(field::METRIC_TAG, tag.as_bytes());
-            info.bytes(field::METRIC_NAME, &name.0);
-            info.bytes(field::METRIC_DISPLAY_NAME, shown.as_bytes());
-            experiment.bytes(field::METRIC_INFOS, &info.0);
+            let name = Message::default().bytes(field::METRIC_TAG, tag);
+            let info = Message::default().bytes(field::METRIC_NAME, name).bytes(field::METRIC_DISPLAY_NAME, shown);
+            experiment = experiment.bytes(field::METRIC_INFOS, info);
         }
-        start.bytes(field::GROUP_NAME, group.as_bytes());
-        start.double(field::START_TIME, now());
-        self.plugin("_hparams_/experiment", field::EXPERIMENT, &experiment)?;
-        self.plugin("_hparams_/session_start_info", field::SESSION_START, &start)
+        let start = start.bytes(field::GROUP_NAME, group).double(field::START_TIME, now());
+        self.plugin("_hparams_/experiment", field::EXPERIMENT, experiment)?;
+        self.plugin("_hparams_/session_start_info", field::SESSION_START, start)
     }
 
     /// Appends how the run ended.
@@ -143,32 +135,24 @@ impl EventWriter {
     /// # Errors
     /// Any error of the file system.
     pub fn session_end(&mut self, end: SessionEnd) -> io::Result<()> {
-        let mut message = Message::default();
         let status = match end {
             SessionEnd::Success => SUCCESS,
             SessionEnd::Failure => FAILURE,
         };
-        message.varint(field::STATUS, status);
-        message.double(field::END_TIME, now());
-        self.plugin("_hparams_/session_end_info", field::SESSION_END, &message)
+        let message = Message::default().varint(field::STATUS, status).double(field::END_TIME, now());
+        self.plugin("_hparams_/session_end_info", field::SESSION_END, message)
     }
 
     /// Appends a summary whose metadata holds the plugin's `message` as its field `kind`. The tensor, which a summary
     /// must have, is an empty vector of floats.
-    fn plugin(&mut self, tag: &str, kind: u32, message: &Message) -> io::Result<()> {
-        let (mut content, mut data) = (Message::default(), Message::default());
-        content.bytes(kind, &message.0);
-        data.bytes(field::PLUGIN_NAME, b"hparams");
-        data.bytes(field::CONTENT, &content.0);
-        let (mut metadata, mut shape, mut tensor) = (Message::default(), Message::default(), Message::default());
-        metadata.bytes(field::PLUGIN_DATA, &data.0);
-        shape.bytes(field::DIM, &[]);
-        tensor.varint(field::DTYPE, FLOAT);
-        tensor.bytes(field::SHAPE, &shape.0);
-        let mut entry = Message::default();
-        entry.bytes(TAG, tag.as_bytes());
-        entry.bytes(field::TENSOR, &tensor.0);
-        entry.bytes(field::METADATA, &metadata.0);
-        self.summary(0, &entry)
+    fn plugin(&mut self, tag: &str, kind: u32, message: Message) -> io::Result<()> {
+        let content = Message::default().bytes(kind, message);
+        let data = Message::default().bytes(field::PLUGIN_NAME, b"hparams").bytes(field::CONTENT, content);
+        let metadata = Message::default().bytes(field::PLUGIN_DATA, data);
+        let tensor = Message::default()
+            .varint(field::DTYPE, FLOAT)
+            .bytes(field::SHAPE, Message::default().bytes(field::DIM, []));
+        let entry = Message::default().bytes(TAG, tag).bytes(field::TENSOR, tensor).bytes(field::METADATA, metadata);
+        self.summary(0, entry)
     }
 }

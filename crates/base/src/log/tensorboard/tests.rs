@@ -11,9 +11,9 @@ fn records(path: &Path) -> Vec<Vec<u8>> {
     let crc = |bytes: &[u8]| u32::from_le_bytes(bytes.try_into().unwrap());
     while !rest.is_empty() {
         let length = u64::from_le_bytes(rest[..8].try_into().unwrap()) as usize;
-        assert_eq!(crc(&rest[8..12]), crc::masked(&rest[..8]));
+        assert_eq!(crc(&rest[8..12]), masked(&rest[..8]));
         let payload = &rest[12..12 + length];
-        assert_eq!(crc(&rest[12 + length..16 + length]), crc::masked(payload));
+        assert_eq!(crc(&rest[12 + length..16 + length]), masked(payload));
         out.push(payload.to_vec());
         rest = &rest[16 + length..];
     }
@@ -242,4 +242,13 @@ fn tensorboard_itself_shows_sessions_with_settings_and_metrics() {
         "  a 1 [('eval/psnr', 31.0, 20)]",
     ];
     assert_eq!(text.lines().collect::<Vec<_>>(), expected, "{errors}");
+}
+
+#[test]
+fn checksums_agree_with_the_published_check_values() {
+    // RFC 3720, appendix B.4, and the usual check string.
+    assert_eq!(crc32c::crc32c(b"123456789"), 0xe306_9283);
+    assert_eq!(crc32c::crc32c(&[0; 32]), 0x8a91_36aa);
+    assert_eq!(crc32c::crc32c(&[0xff; 32]), 0x62a8_ab43);
+    assert_eq!(crc32c::crc32c(b""), 0);
 }

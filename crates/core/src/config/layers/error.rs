@@ -1,8 +1,9 @@
 //! Configuration errors, each with the place it came from.
 
-use std::path::PathBuf;
-
 use super::Origin;
+use crate::files::is_user_error;
+use crate::user_error::UserError;
+use std::path::PathBuf;
 
 /// Why no configuration could be built.
 #[derive(Debug, thiserror::Error)]
@@ -85,6 +86,12 @@ pub enum ConfigError {
     /// The built-in defaults cannot be written as TOML.
     #[error("the built-in defaults cannot be written as TOML: {0}")]
     Defaults(String),
+}
+
+impl UserError for ConfigError {
+    fn is_input(&self) -> bool {
+        !matches!(self, Self::Read { source, .. } if !is_user_error(source))
+    }
 }
 
 /// A value that a key cannot take.

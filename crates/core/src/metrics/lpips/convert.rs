@@ -2,10 +2,12 @@
 //! [`Lpips::load`](super::Lpips::load) reads.
 
 use super::LpipsNet;
+use super::net::{ConvSpec, NETS};
 use super::state_dict::{StateDict, StateDictError};
-use crate::files::{MARK, ReplaceError, check_file};
+use crate::files::{MARK, ReplaceError, check_file, same_file};
 use crate::memory::{Budget, TooLarge, product};
 use crate::tensors::{TensorFileError, write};
+use crate::user_error::UserError;
 use safetensors::Dtype;
 use safetensors::tensor::TensorView;
 use serde::Serialize;
@@ -16,7 +18,6 @@ use std::path::{Path, PathBuf};
 
 /// The first convolution of both backbones, whose kernel distinguishes them.
 const FIRST: &str = "features.0.weight";
-const NETS: [LpipsNet; 2] = [LpipsNet::Alex, LpipsNet::Vgg];
 
 /// The published files of a network.
 struct Published {
@@ -108,10 +109,8 @@ fn hint(source: &StateDictError) -> &'static str {
     }
 }
 
-impl ConvertError {
-    /// Whether the user can fix it with other files or another name.
-    #[must_use]
-    pub fn is_input(&self) -> bool {
+impl UserError for ConvertError {
+    fn is_input(&self) -> bool {
         match self {
             Self::Out(error) => error.is_input(),
             Self::Write(_) => false,
@@ -171,18 +170,14 @@ type Tensors = Vec<(Written, Vec<u8>)>;
 /// other network, or `out` cannot be written or was not written by this program. Nothing is written then.
 pub fn convert(backbone: &Path, heads: &Path, out: &Path) -> Result<Converted, ConvertError> {
     check_file(out)?;
-    for input in [backbone, heads] {
-        if let (Ok(a), Ok(b)) = (input.canonicalize(), out.canonicalize())
-            && a == b
-        {
-            return Err(ReplaceError::Needed { path: out.into(), inner: input.into() }.into());
-        }
+    if let Some(input) = same_file(out, [backbone, heads]) {
+        return Err(ReplaceError::Needed { path: out.into(), inner: input.into() }.into());
     }
     let (mut convolutions, net) = open_backbone(backbone)?;
     let mut lins = open_heads(heads, net)?;
     let published = if net == LpipsNet::Alex { ALEX } else { VGG };
 
-    let shapes = net.stages().iter().flat_map(|s| s.convs).map(|c| [c.output, c.input, c.kernel, c.kernel]);
+    let shapes = net.stages().iter().flat_map(|s| s.convs).map(ConvSpec::weight_shape);
     let values: u128 = shapes.clone().map(|s| product(&s)).sum();
     // the tensors and the file made of them, four bytes per value, and room for biases, heads and the one being read
     Budget::now().check(format!("--backbone {}", backbone.display()), values * 10)?;
@@ -195,7 +190,7 @@ pub fn convert(backbone: &Path, heads: &Path, out: &Path) -> Result<Converted, C
         }
     }
     let of_backbone = all.len();
-    for (i, shape) in head_shapes(net).iter().enumerate() {
+    for (i, shape) in net.head_shapes().iter().enumerate() {
         all.push(take(&mut lins, heads, &head_key(i), format!("lin{i}.weight"), shape)?);
     }
 
@@ -214,11 +209,6 @@ fn head_key(index: usize) -> String {
     format!("lin{index}.model.1.weight")
 }
 
-fn head_shapes(net: LpipsNet) -> [[usize; 4]; 5] {
-    let channels = |i: usize| net.stages()[i].convs.last().map_or(0, |c| c.output);
-    std::array::from_fn(|i| [1, channels(i), 1, 1])
-}
-
 fn open_backbone(path: &Path) -> Result<(StateDict<File>, LpipsNet), ConvertError> {
     let file = open(path)?;
     let Some(found) = file.shape(FIRST) else {
@@ -227,12 +217,7 @@ fn open_backbone(path: &Path) -> Result<(StateDict<File>, LpipsNet), ConvertErro
         }
         return Err(ConvertError::Source { path: path.into(), source: StateDictError::Missing(FIRST.into()) });
     };
-    let first = |net: &LpipsNet| net.stages()[0].convs[0];
-    let fits = |net: &LpipsNet| {
-        let conv = first(net);
-        found == [conv.output, conv.input, conv.kernel, conv.kernel]
-    };
-    match NETS.into_iter().find(fits) {
+    match LpipsNet::with_first_weights(found) {
         Some(net) => Ok((file, net)),
         None => Err(ConvertError::UnknownNet { path: path.into(), found: found.to_vec() }),
     }
@@ -244,11 +229,11 @@ fn open_heads(path: &Path, net: LpipsNet) -> Result<StateDict<File>, ConvertErro
     if file.shape(&head_key(0)).is_none() && file.shape(FIRST).is_some() {
         return Err(ConvertError::BackboneAsHeads { path: path.into() });
     }
-    let differs = |net| (0..5).find(|i| file.shape(&head_key(*i)) != Some(&head_shapes(net)[*i]));
+    let differs = |net: LpipsNet| (0..5).find(|i| file.shape(&head_key(*i)) != Some(&net.head_shapes()[*i]));
     if let Some(i) = differs(net)
         && let Some(found) = NETS.into_iter().find(|n| differs(*n).is_none())
     {
-        let (key, shape) = (head_key(i), head_shapes(found)[i].to_vec());
+        let (key, shape) = (head_key(i), found.head_shapes()[i].to_vec());
         return Err(ConvertError::OtherHeads { path: path.into(), found, net, key, shape });
     }
     Ok(file)

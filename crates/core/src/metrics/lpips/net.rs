@@ -2,6 +2,9 @@
 
 use super::LpipsNet;
 
+/// Both nets.
+pub(super) const NETS: [LpipsNet; 2] = [LpipsNet::Alex, LpipsNet::Vgg];
+
 /// A convolution followed by a ReLU.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct ConvSpec {
@@ -10,6 +13,13 @@ pub(super) struct ConvSpec {
     pub kernel: usize,
     pub stride: usize,
     pub padding: usize,
+}
+
+impl ConvSpec {
+    /// The shape of its weights.
+    pub(super) fn weight_shape(&self) -> [usize; 4] {
+        [self.output, self.input, self.kernel, self.kernel]
+    }
 }
 
 /// Convolutions up to a feature map that LPIPS reads, after an optional max pool of stride 2.
@@ -48,6 +58,16 @@ const VGG: [Stage; 5] = [
 ];
 
 impl LpipsNet {
+    /// The net whose first convolution has weights of this shape, which distinguishes the two.
+    pub(super) fn with_first_weights(shape: &[usize]) -> Option<Self> {
+        NETS.into_iter().find(|net| net.stages()[0].convs[0].weight_shape() == shape)
+    }
+
+    /// The shapes of the heads' weights, one for each stage.
+    pub(super) fn head_shapes(self) -> [[usize; 4]; 5] {
+        self.stages().each_ref().map(|stage| [1, stage.convs.last().map_or(0, |c| c.output), 1, 1])
+    }
+
     pub(super) fn stages(self) -> &'static [Stage; 5] {
         match self {
             LpipsNet::Alex => &ALEX,

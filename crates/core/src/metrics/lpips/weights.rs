@@ -3,8 +3,8 @@
 use super::net::ConvSpec;
 use super::{LpipsError, LpipsNet};
 use crate::tensors::{self, TensorFileError};
-use burn::tensor::{DType, Device, Tensor, TensorData, f16};
-use safetensors::{Dtype, SafeTensors};
+use burn::tensor::{DType, Device, Tensor, TensorData};
+use safetensors::SafeTensors;
 use std::path::{Path, PathBuf};
 
 /// A convolution's parameters on the device.
@@ -42,24 +42,17 @@ impl Weights {
             .map_err(|e| LpipsError::Damaged { path: path.to_path_buf(), reason: e.to_string() })?;
         let source = Source { path, file };
         let net = source.net()?;
-        let mut convs = Vec::new();
-        let mut heads = Vec::new();
         let mut number = 0;
-        for (index, stage) in net.stages().iter().enumerate() {
-            let mut stage_convs = Vec::new();
-            let mut channels = 0;
-            for &spec in stage.convs {
-                let shape = [spec.output, spec.input, spec.kernel, spec.kernel];
-                stage_convs.push(Conv {
-                    spec,
-                    weight: source.tensor(&format!("net.conv{number}.weight"), shape, device)?,
-                    bias: source.tensor(&format!("net.conv{number}.bias"), [spec.output], device)?,
-                });
-                channels = spec.output;
-                number += 1;
-            }
-            convs.push(stage_convs);
-            heads.push(source.tensor(&format!("lin{index}.weight"), [1, channels, 1, 1], device)?);
+        let mut conv = |spec: &ConvSpec| -> Result<Conv, LpipsError> {
+            let weight = source.tensor(&format!("net.conv{number}.weight"), spec.weight_shape(), device)?;
+            let bias = source.tensor(&format!("net.conv{number}.bias"), [spec.output], device)?;
+            number += 1;
+            Ok(Conv { spec: *spec, weight, bias })
+        };
+        let (mut convs, mut heads) = (Vec::new(), Vec::new());
+        for ((index, stage), shape) in net.stages().iter().enumerate().zip(net.head_shapes()) {
+            convs.push(stage.convs.iter().map(&mut conv).collect::<Result<Vec<_>, _>>()?);
+            heads.push(source.tensor(&format!("lin{index}.weight"), shape, device)?);
         }
         Ok(Self { net, convs, heads })
     }
@@ -76,17 +69,9 @@ impl Source<'_> {
 
     /// Identifies the net by the kernel of the first convolution.
     fn net(&self) -> Result<LpipsNet, LpipsError> {
-        let name = "net.conv0.weight";
-        let found = self.view(name)?.shape().to_vec();
-        let is = |net: &LpipsNet| {
-            let first = net.stages()[0].convs[0];
-            found == [first.output, first.input, first.kernel, first.kernel]
-        };
-        [LpipsNet::Alex, LpipsNet::Vgg].into_iter().find(is).ok_or_else(|| LpipsError::UnknownNet {
-            path: self.path(),
-            tensor: name.to_owned(),
-            found: found.clone(),
-        })
+        let tensor = "net.conv0.weight".to_owned();
+        let found = self.view(&tensor)?.shape().to_vec();
+        LpipsNet::with_first_weights(&found).ok_or(LpipsError::UnknownNet { path: self.path(), tensor, found })
     }
 
     fn tensor<const D: usize>(&self, name: &str, shape: [usize; D], device: &Device) -> Result<Tensor<D>, LpipsError> {
@@ -96,18 +81,8 @@ impl Source<'_> {
             let (expected, found) = (shape.to_vec(), view.shape().to_vec());
             return Err(LpipsError::Shape { path: self.path(), tensor, expected, found });
         }
-        let values: Vec<f32> = match view.dtype() {
-            Dtype::F32 => {
-                let (chunks, _) = view.data().as_chunks::<4>();
-                chunks.iter().map(|b| f32::from_le_bytes(*b)).collect()
-            }
-            Dtype::F16 => {
-                let (chunks, _) = view.data().as_chunks::<2>();
-                chunks.iter().map(|b| f16::from_le_bytes(*b).to_f32()).collect()
-            }
-            other => {
-                return Err(LpipsError::Type { path: self.path(), tensor, found: format!("{other:?}") });
-            }
+        let Some(values) = tensors::floats(&view) else {
+            return Err(LpipsError::Type { path: self.path(), tensor, found: format!("{:?}", view.dtype()) });
         };
         if !values.iter().all(|v| v.is_finite()) {
             return Err(LpipsError::NotFinite { path: self.path(), tensor });

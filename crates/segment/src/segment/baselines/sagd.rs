@@ -19,6 +19,7 @@ mod cut;
 mod tests;
 
 use crate::model::HostGaussians;
+use crate::points::neighbours::Grid;
 use crate::segment::masks::Mask;
 use rayon::prelude::*;
 use volseggs_kernels::Camera;
@@ -146,21 +147,11 @@ pub fn segment(
 fn prompt(means: &[f32], clicked: u32, neighbours: usize) -> Vec<[f32; 3]> {
     let place = |i: u32| -> [f32; 3] { std::array::from_fn(|k| means[3 * i as usize + k]) };
     let centre = place(clicked);
-    let distance = |i: u32| crate::points::neighbours::squared(centre, place(i));
     if !centre.iter().all(|v| v.is_finite()) {
         return Vec::new();
     }
-    let mut out = vec![centre];
-    if neighbours > 0 {
-        let mut others: Vec<(f32, u32)> = (0..means.len() as u32 / 3)
-            .filter(|&i| i != clicked)
-            .map(|i| (distance(i), i))
-            .filter(|(d, _)| d.is_finite())
-            .collect();
-        others.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        out.extend(others.iter().take(neighbours).map(|(_, i)| place(*i)));
-    }
-    out
+    let found = Grid::adaptive(means).map(|grid| grid.nearest(centre, neighbours, Some(clicked)));
+    std::iter::once(centre).chain(found.into_iter().flatten().map(|(i, _)| place(i))).collect()
 }
 
 /// A view with the mask chosen by the prompt.

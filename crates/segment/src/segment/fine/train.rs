@@ -150,19 +150,8 @@ fn loss(field: &AffinityField, view: &FineView, batch: &Batch, options: &Affinit
 
 /// Samples up to `count` pixels of a view; returns their rows, and the mask of each by `mask`.
 fn sample(view: &FineView, count: usize, rng: &mut Rng, mask: impl Fn(usize) -> u32) -> (Contributors, Vec<u32>) {
-    let all = view.pixels.len();
-    let chosen: Vec<usize> =
-        if all <= count { (0..all).collect() } else { (0..count).map(|_| rng.below(all)).collect() };
-    let mut rows = Contributors { offsets: vec![0], ..Contributors::default() };
-    let mut masks = Vec::with_capacity(chosen.len());
-    for p in chosen {
-        let (indices, weights) = view.pixels.row(p);
-        rows.indices.extend_from_slice(indices);
-        rows.weights.extend_from_slice(weights);
-        rows.offsets.push(rows.indices.len() as u32);
-        masks.push(mask(p));
-    }
-    (rows, masks)
+    let chosen = view.draw(count, rng);
+    (view.pixels.rows(&chosen), chosen.into_iter().map(mask).collect())
 }
 
 #[cfg(test)]

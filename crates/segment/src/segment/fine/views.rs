@@ -95,6 +95,12 @@ impl FineView {
         Ok(Some(Self { encoded: frame.encode(&means), globals, pixels: rows, offsets, covering, scales }))
     }
 
+    /// Draws `count` of the kept pixels, repeats allowed; all of them, in order, if there are not more.
+    pub(in crate::segment) fn draw(&self, count: usize, rng: &mut Rng) -> Vec<usize> {
+        let all = self.pixels.len();
+        if all <= count { (0..all).collect() } else { (0..count).map(|_| rng.below(all)).collect() }
+    }
+
     /// Returns the masks that cover pixel `p`, from small to large.
     pub(in crate::segment) fn covering(&self, p: usize) -> &[u32] {
         &self.covering[self.offsets[p] as usize..self.offsets[p + 1] as usize]

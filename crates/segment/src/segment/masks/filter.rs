@@ -3,6 +3,7 @@
 //! Works on lists of masks of one image and on buffers of pixels; where they come from does not matter.
 
 use super::mask::{Mask, MaskError};
+use super::watershed::sides;
 
 /// Drops masks that nearly equal one of a higher score (non-maximum suppression by mask IoU).
 ///
@@ -73,16 +74,8 @@ pub(super) fn fill_holes_rows(width: usize, height: usize, set: &mut [bool], max
         let (mut next, mut open) = (0, false);
         while let Some(&pixel) = area.get(next) {
             next += 1;
-            let (x, y) = (pixel % width, pixel / width);
-            if x == 0 || y == 0 || x + 1 == width || y + 1 == height {
-                open = true;
-            }
-            let sides = [
-                (x > 0).then(|| pixel - 1),
-                (x + 1 < width).then_some(pixel + 1),
-                (y > 0).then(|| pixel - width),
-                (y + 1 < height).then_some(pixel + width),
-            ];
+            let sides = sides(pixel, width, width * height);
+            open |= sides.contains(&None);
             for other in sides.into_iter().flatten() {
                 if !seen[other] {
                     seen[other] = true;

@@ -4,7 +4,7 @@
 
 use std::{cmp::Reverse, collections::BTreeMap, collections::BinaryHeap};
 
-use super::{edges::Window, watershed::NONE};
+use super::{edges::Window, watershed::NONE, watershed::sides};
 
 /// A region: a basin, or two regions joined.
 #[derive(Debug, Clone, PartialEq)]
@@ -164,12 +164,7 @@ fn leaves(window: &Window, labels: &[u32], count: usize, relief: &[f32]) -> Vec<
             let (x, y) = ((pixel % window.width) as u32, (pixel / window.width) as u32);
             node.area += 1;
             node.relief += f64::from(relief[pixel]);
-            let sides = [
-                (x > 0).then(|| pixel - 1),
-                (x as usize + 1 < window.width).then_some(pixel + 1),
-                pixel.checked_sub(window.width),
-                Some(pixel + window.width).filter(|&below| below < labels.len()),
-            ];
+            let sides = sides(pixel, window.width, labels.len());
             node.outline += sides.iter().filter(|side| side.is_none_or(|side| labels[side] != label)).count() as u32;
             node.bounds = union(node.bounds, [x, y, x + 1, y + 1]);
         }
@@ -178,19 +173,18 @@ fn leaves(window: &Window, labels: &[u32], count: usize, relief: &[f32]) -> Vec<
 }
 
 fn adjacency(window: &Window, labels: &[u32], count: usize, relief: &[f32]) -> Vec<BTreeMap<u32, Boundary>> {
-    let mut sides: Vec<(u32, u32, f32)> = Vec::new();
+    let mut borders: Vec<(u32, u32, f32)> = Vec::new();
     for pixel in 0..labels.len() {
-        let right = (pixel % window.width + 1 < window.width).then_some(pixel + 1);
-        let below = Some(pixel + window.width).filter(|&below| below < labels.len());
+        let [_, right, _, below] = sides(pixel, window.width, labels.len());
         for other in [right, below].into_iter().flatten() {
             let (a, b) = (labels[pixel], labels[other]);
             if a != b && a != NONE && b != NONE {
-                sides.push((a.min(b), a.max(b), relief[pixel].max(relief[other])));
+                borders.push((a.min(b), a.max(b), relief[pixel].max(relief[other])));
             }
         }
     }
     let mut around = vec![BTreeMap::new(); count];
-    for (a, b, strength) in sides {
+    for (a, b, strength) in borders {
         for (from, to) in [(a, b), (b, a)] {
             let total: &mut Boundary = around[from as usize].entry(to).or_insert((0.0, 0));
             *total = (total.0 + f64::from(strength), total.1 + 1);

@@ -88,14 +88,20 @@ pub(super) fn basins(window: &Window, relief: &[f32], top: f32, steps: usize) ->
 
 /// The foreground pixels at the four sides.
 fn neighbours(window: &Window, pixel: usize) -> impl Iterator<Item = usize> + '_ {
-    let (x, width) = (pixel % window.width, window.width);
-    let sides = [
+    let sides = sides(pixel, window.width, window.inside.len());
+    sides.into_iter().flatten().filter(|&next| window.inside[next])
+}
+
+/// The pixels left of, right of, above and below a pixel of a buffer of `count`, in rows of `width`; `None` beyond its
+/// border.
+pub(super) fn sides(pixel: usize, width: usize, count: usize) -> [Option<usize>; 4] {
+    let x = pixel % width;
+    [
         (x > 0).then(|| pixel - 1),
         (x + 1 < width).then_some(pixel + 1),
         pixel.checked_sub(width),
-        Some(pixel + width).filter(|&below| below < window.inside.len()),
-    ];
-    sides.into_iter().flatten().filter(|&next| window.inside[next])
+        Some(pixel + width).filter(|&below| below < count),
+    ]
 }
 
 #[cfg(test)]

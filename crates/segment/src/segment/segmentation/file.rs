@@ -7,6 +7,7 @@ use crate::tensors::{self, TensorFileError};
 use crate::versioned;
 use safetensors::tensor::{Dtype, SafeTensorError, SafeTensors, TensorView};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use twox_hash::XxHash3_128;
@@ -53,22 +54,14 @@ impl Steps {
     }
 }
 
-#[derive(Serialize)]
+/// The header entry; borrowed when it is written.
+#[derive(Serialize, Deserialize)]
 struct Entry<'a> {
     gaussians: usize,
-    scene: &'a str,
-    segments: &'a [Segment],
-    undo: &'a [Step],
-    redo: &'a [Step],
-}
-
-#[derive(Deserialize)]
-struct FoundEntry {
-    gaussians: usize,
-    scene: String,
-    segments: Vec<Segment>,
-    undo: Vec<Step>,
-    redo: Vec<Step>,
+    scene: Cow<'a, str>,
+    segments: Cow<'a, [Segment]>,
+    undo: Cow<'a, [Step]>,
+    redo: Cow<'a, [Step]>,
 }
 
 fn bytes(members: &[u32]) -> Vec<u8> {
@@ -119,10 +112,10 @@ pub(in crate::segment) fn write(path: &Path, all: &Segmentation, steps: &Steps) 
         .map_err(|e| format(e.to_string()))?;
     let entry = Entry {
         gaussians: all.gaussians,
-        scene: &all.scene,
-        segments: &all.segments,
-        undo: &steps.undo,
-        redo: &steps.redo,
+        scene: all.scene.as_str().into(),
+        segments: all.segments.as_slice().into(),
+        undo: steps.undo.as_slice().into(),
+        redo: steps.redo.as_slice().into(),
     };
     let entry = versioned::to_json(&entry).map_err(|e| format(e.to_string()))?;
     if let Some(folder) = path.parent() {
@@ -156,8 +149,9 @@ fn open(
     let tensors = SafeTensors::deserialize(&bytes).map_err(damaged)?;
     let entry = header.metadata().as_ref().and_then(|m| m.get(ENTRY));
     let entry = entry.ok_or_else(|| format(format!("no `{ENTRY}` entry in its header: not a segments file")))?;
-    let found: FoundEntry = versioned::from_json(entry).map_err(|e| format(format!("header: {e}")))?;
-    let mut all = Segmentation { gaussians: found.gaussians, scene: found.scene, segments: found.segments };
+    let found: Entry<'static> = versioned::from_json(entry).map_err(|e| format(format!("header: {e}")))?;
+    let Entry { gaussians, scene, segments, undo, redo } = found;
+    let mut all = Segmentation { gaussians, scene: scene.into_owned(), segments: segments.into_owned() };
     if u32::try_from(all.gaussians).is_err() {
         return Err(format(format!("header: `gaussians` is {}, more than any scene has", all.gaussians)));
     }
@@ -170,7 +164,7 @@ fn open(
         let members = members(&tensors, &segment.name, all.gaussians);
         segment.members = members.map_err(|e| format(format!("segment {}: {e}", segment.name)))?;
     }
-    let steps = rest(path, Opened { tensors, all: &all, undo: found.undo, redo: found.redo })?;
+    let steps = rest(path, Opened { tensors, all: &all, undo: undo.into_owned(), redo: redo.into_owned() })?;
     Ok((all, steps))
 }
 

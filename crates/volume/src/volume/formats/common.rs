@@ -64,30 +64,7 @@ impl Shape {
 /// The scalar type of a name: `u8`, `uint8`, `unsigned char`, `float`, ...; case and extra spaces do not matter.
 #[must_use]
 pub fn scalar_from_name(name: &str) -> Option<ScalarType> {
-    let name = name.split_whitespace().collect::<Vec<_>>().join(" ").to_ascii_lowercase();
-    Some(match name.as_str() {
-        "u8" | "uchar" | "unsigned char" | "uint8" | "uint8_t" | "byte" => ScalarType::U8,
-        "i8" | "char" | "signed char" | "int8" | "int8_t" => ScalarType::I8,
-        "u16" | "ushort" | "unsigned short" | "unsigned short int" | "uint16" | "uint16_t" => ScalarType::U16,
-        "i16" | "short" | "short int" | "signed short" | "signed short int" | "int16" | "int16_t" => ScalarType::I16,
-        "u32" | "uint" | "unsigned" | "unsigned int" | "uint32" | "uint32_t" => ScalarType::U32,
-        "i32" | "int" | "signed int" | "int32" | "int32_t" => ScalarType::I32,
-        "u64" | "ulonglong" | "unsigned long long" | "unsigned long long int" | "uint64" | "uint64_t" => {
-            ScalarType::U64
-        }
-        "i64"
-        | "longlong"
-        | "long long"
-        | "long long int"
-        | "signed long long"
-        | "signed long long int"
-        | "int64"
-        | "int64_t" => ScalarType::I64,
-        "f16" | "half" | "float16" => ScalarType::F16,
-        "f32" | "float" | "float32" | "single" => ScalarType::F32,
-        "f64" | "double" | "float64" => ScalarType::F64,
-        _ => return None,
-    })
+    ScalarType::of_name(&name.split_whitespace().collect::<Vec<_>>().join(" ").to_ascii_lowercase())
 }
 
 /// Checks a spacing.

@@ -16,40 +16,73 @@ pub enum Endian {
     Big,
 }
 
-/// Decodes all of `bytes` into `out`, which is cleared first. An incomplete last value is skipped.
-/// Integers beyond 2^24 round to the nearest `f32`; an `f64` beyond the range of `f32` becomes infinite.
-pub fn decode(bytes: &[u8], scalar: ScalarType, endian: Endian, out: &mut Vec<f32>) {
-    out.clear();
-    out.resize(bytes.len() / scalar.bytes(), 0.0);
-    decode_into(bytes, scalar, endian, 0, 1, out);
+impl Endian {
+    /// The bytes of a value, lowest first.
+    fn to_little<const N: usize>(self, mut bytes: [u8; N]) -> [u8; N] {
+        if self == Self::Big {
+            bytes.reverse();
+        }
+        bytes
+    }
 }
 
 /// Decodes the values numbered `first + i * stride` of `bytes` into `out[i]`. Where `bytes` holds fewer values, the
-/// rest of `out` is unchanged.
+/// rest of `out` is unchanged. Integers beyond 2^24 round to the nearest `f32`; an `f64` beyond the range of `f32`
+/// becomes infinite.
 pub fn decode_into(bytes: &[u8], scalar: ScalarType, endian: Endian, first: usize, stride: usize, out: &mut [f32]) {
+    decode_scaled(bytes, scalar, endian, None, first, stride, out);
+}
+
+/// Like [`decode_into`], but decodes a value `x` as `slope * x + inter` where `scale` holds `(slope, inter)`.
+pub fn decode_scaled(
+    bytes: &[u8],
+    scalar: ScalarType,
+    endian: Endian,
+    scale: Option<(f64, f64)>,
+    first: usize,
+    stride: usize,
+    out: &mut [f32],
+) {
     macro_rules! as_f32 {
-        ($number:ty) => {
-            match endian {
-                Endian::Little => convert(bytes, first, stride, out, |b| <$number>::from_le_bytes(b) as f32),
-                Endian::Big => convert(bytes, first, stride, out, |b| <$number>::from_be_bytes(b) as f32),
+        ($number:expr) => {
+            match scale {
+                None => convert(bytes, first, stride, out, |b| $number(endian.to_little(b)) as f32),
+                Some((slope, inter)) => {
+                    convert(bytes, first, stride, out, |b| ($number(endian.to_little(b)) as f64 * slope + inter) as f32)
+                }
             }
         };
     }
     match scalar {
-        ScalarType::U8 => as_f32!(u8),
-        ScalarType::I8 => as_f32!(i8),
-        ScalarType::U16 => as_f32!(u16),
-        ScalarType::I16 => as_f32!(i16),
-        ScalarType::U32 => as_f32!(u32),
-        ScalarType::I32 => as_f32!(i32),
-        ScalarType::F16 => match endian {
-            Endian::Little => convert(bytes, first, stride, out, |b| f16::from_le_bytes(b).to_f32()),
-            Endian::Big => convert(bytes, first, stride, out, |b| f16::from_be_bytes(b).to_f32()),
-        },
-        ScalarType::F32 => as_f32!(f32),
-        ScalarType::U64 => as_f32!(u64),
-        ScalarType::I64 => as_f32!(i64),
-        ScalarType::F64 => as_f32!(f64),
+        ScalarType::U8 => as_f32!(u8::from_le_bytes),
+        ScalarType::I8 => as_f32!(i8::from_le_bytes),
+        ScalarType::U16 => as_f32!(u16::from_le_bytes),
+        ScalarType::I16 => as_f32!(i16::from_le_bytes),
+        ScalarType::U32 => as_f32!(u32::from_le_bytes),
+        ScalarType::I32 => as_f32!(i32::from_le_bytes),
+        ScalarType::F16 => as_f32!(|b| f16::from_le_bytes(b).to_f32()),
+        ScalarType::F32 => as_f32!(f32::from_le_bytes),
+        ScalarType::U64 => as_f32!(u64::from_le_bytes),
+        ScalarType::I64 => as_f32!(i64::from_le_bytes),
+        ScalarType::F64 => as_f32!(f64::from_le_bytes),
+    }
+}
+
+/// Reads a value of this type from text; `None` if it is none, or out of range.
+#[must_use]
+pub fn parse(text: &str, scalar: ScalarType) -> Option<f32> {
+    let whole = |low: i64, high: i64| text.parse().ok().filter(|v| (low..=high).contains(v)).map(|v: i64| v as f32);
+    match scalar {
+        ScalarType::U8 => whole(0, i64::from(u8::MAX)),
+        ScalarType::I8 => whole(i64::from(i8::MIN), i64::from(i8::MAX)),
+        ScalarType::U16 => whole(0, i64::from(u16::MAX)),
+        ScalarType::I16 => whole(i64::from(i16::MIN), i64::from(i16::MAX)),
+        ScalarType::U32 => whole(0, i64::from(u32::MAX)),
+        ScalarType::I32 => whole(i64::from(i32::MIN), i64::from(i32::MAX)),
+        ScalarType::I64 => whole(i64::MIN, i64::MAX),
+        ScalarType::U64 => text.parse::<u64>().ok().map(|v| v as f32),
+        ScalarType::F16 | ScalarType::F32 => text.parse().ok(),
+        ScalarType::F64 => text.parse::<f64>().ok().map(|v| v as f32),
     }
 }
 
@@ -82,6 +115,13 @@ fn convert<const N: usize>(
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    /// Decodes all of `bytes` into `out`, which is cleared first.
+    fn decode(bytes: &[u8], scalar: ScalarType, endian: Endian, out: &mut Vec<f32>) {
+        out.clear();
+        out.resize(bytes.len() / scalar.bytes(), 0.0);
+        decode_into(bytes, scalar, endian, 0, 1, out);
+    }
 
     macro_rules! round_trip {
         ($name:ident, $number:ty, $scalar:expr) => {

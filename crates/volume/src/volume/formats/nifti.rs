@@ -6,6 +6,7 @@ mod space;
 mod tests;
 
 use super::common;
+use super::decode::Endian;
 use super::stream::{read_error, read_values};
 use crate::files::open_regular;
 use crate::volume::error::VolumeError;
@@ -56,8 +57,8 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
         return Err(VolumeError::invalid(path, "dim", problem, REWRITE));
     }
     let header = Header { grid, scalar: kind, steps, physical, notes };
-    let big_endian = raw.endianness == Endianness::Big;
-    Ok(Box::new(Nifti { path: path.to_owned(), header, gz, start, kind, big_endian, scale: scale(&raw) }))
+    let endian = if raw.endianness == Endianness::Big { Endian::Big } else { Endian::Little };
+    Ok(Box::new(Nifti { path: path.to_owned(), header, gz, start, kind, endian, scale: scale(&raw) }))
 }
 
 /// An open NIfTI file: what to read, and where.
@@ -69,7 +70,7 @@ struct Nifti {
     /// First byte of the values, in the decompressed stream.
     start: u64,
     kind: ScalarType,
-    big_endian: bool,
+    endian: Endian,
     scale: Option<(f64, f64)>,
 }
 
@@ -108,13 +109,13 @@ impl Nifti {
         let mut file = open_regular(&self.path)?;
         if !self.gz {
             file.seek(SeekFrom::Start(skip))?;
-            return read_values(&mut file, self.kind, self.big_endian, count, self.scale, out);
+            return read_values(&mut file, self.kind, self.endian, count, self.scale, out);
         }
         let mut stream = MultiGzDecoder::new(BufReader::new(file));
         if io::copy(&mut stream.by_ref().take(skip), &mut io::sink())? < skip {
             return Err(ErrorKind::UnexpectedEof.into());
         }
-        read_values(&mut stream, self.kind, self.big_endian, count, self.scale, out)
+        read_values(&mut stream, self.kind, self.endian, count, self.scale, out)
     }
 }
 

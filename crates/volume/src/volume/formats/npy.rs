@@ -15,14 +15,17 @@ use std::path::{Path, PathBuf};
 /// NumPy writes about a hundred bytes; anything longer is not the header of a plain array.
 const MAX_HEADER: usize = 1 << 16;
 
+/// An array of uncompressed values in a file.
 #[derive(Debug)]
-struct Npy {
-    path: PathBuf,
-    header: Header,
-    shape: Shape,
-    endian: Endian,
-    offset: u64,
-    fortran: bool,
+pub(super) struct ArrayFile {
+    pub path: PathBuf,
+    pub header: Header,
+    pub shape: Shape,
+    pub endian: Endian,
+    /// Bytes before the first value.
+    pub offset: u64,
+    /// Whether time is the fastest axis and x the slowest, instead of the reverse.
+    pub fortran: bool,
 }
 
 /// Opens an array: reads its header and the sidecar `NAME.npy.toml` or `NAME.npy.json` with `spacing` and `origin`, if
@@ -92,10 +95,10 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let from = side.as_deref().unwrap_or(path);
     let (grid, physical) = common::placed(from, shape.dims, place.spacing, place.origin)?;
     let header = Header { grid, scalar, steps: shape.steps, physical, notes: Vec::new() };
-    Ok(Box::new(Npy { path: path.to_owned(), header, shape, endian, offset, fortran }))
+    Ok(Box::new(ArrayFile { path: path.to_owned(), header, shape, endian, offset, fortran }))
 }
 
-impl VolumeFile for Npy {
+impl VolumeFile for ArrayFile {
     fn header(&self) -> &Header {
         &self.header
     }
@@ -124,18 +127,11 @@ impl VolumeFile for Npy {
 
 fn scalar_of(descr: &str) -> Option<(ScalarType, Endian)> {
     let (order, kind) = descr.split_at_checked(1)?;
-    let scalar = match kind {
-        "u1" | "b1" => ScalarType::U8,
-        "i1" => ScalarType::I8,
-        "u2" => ScalarType::U16,
-        "i2" => ScalarType::I16,
-        "u4" => ScalarType::U32,
-        "i4" => ScalarType::I32,
-        "u8" => ScalarType::U64,
-        "i8" => ScalarType::I64,
-        "f2" => ScalarType::F16,
-        "f4" => ScalarType::F32,
-        "f8" => ScalarType::F64,
+    let scalar = match kind.split_at_checked(1)? {
+        ("b", "1") => ScalarType::U8,
+        (letter @ ("u" | "i" | "f"), bytes @ ("1" | "2" | "4" | "8")) => {
+            common::scalar_from_name(&format!("{letter}{}", 8 * bytes.parse::<usize>().ok()?))?
+        }
         _ => return None,
     };
     match order {

@@ -2,20 +2,12 @@
 //! `NAME.raw.json` or `NAME.json`, or, for all files of a folder, `volume.toml` or `volume.json`.
 
 use super::common::{self, Shape};
-use super::decode::{Endian, decode_into};
+use super::decode::Endian;
+use super::npy::ArrayFile;
 use super::sidecar::{self, RawSidecar};
 use crate::volume::error::VolumeError;
 use crate::volume::source::{Header, VolumeFile};
 use std::path::{Path, PathBuf};
-
-#[derive(Debug)]
-struct Raw {
-    path: PathBuf,
-    header: Header,
-    shape: Shape,
-    endian: Endian,
-    offset: u64,
-}
 
 /// The sidecar of a raw file, if any: its own takes precedence over that of the folder.
 ///
@@ -95,19 +87,5 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     }
     let (grid, physical) = common::placed(&side, shape.dims, fields.spacing, fields.origin)?;
     let header = Header { grid, scalar, steps: shape.steps, physical, notes: Vec::new() };
-    Ok(Box::new(Raw { path: path.to_owned(), header, shape, endian, offset }))
-}
-
-impl VolumeFile for Raw {
-    fn header(&self) -> &Header {
-        &self.header
-    }
-
-    fn read(&self, step: usize, out: &mut Vec<f32>) -> Result<(), VolumeError> {
-        common::check_step(&self.path, step, self.shape.steps)?;
-        let map = common::map(&self.path, self.offset + step as u64 * self.shape.step_bytes, self.shape.step_bytes)?;
-        common::prepare(&self.path, out, self.shape.voxels)?;
-        decode_into(&map, self.header.scalar, self.endian, 0, 1, out);
-        Ok(())
-    }
+    Ok(Box::new(ArrayFile { path: path.to_owned(), header, shape, endian, offset, fortran: false }))
 }

@@ -1,9 +1,9 @@
 //! Converts a stream of stored numbers to `f32`, a chunk at a time, for the readers of whole formats. Knows number
 //! types and byte order only: where the numbers lie in a file is known to the readers.
 
+use super::decode::{Endian, decode_scaled};
 use crate::volume::error::VolumeError;
 use crate::volume::grid::ScalarType;
-use half::f16;
 use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 
@@ -18,7 +18,7 @@ const CHUNK: usize = 64 * 1024;
 pub fn read_values(
     src: &mut impl Read,
     kind: ScalarType,
-    big_endian: bool,
+    endian: Endian,
     count: usize,
     scale: Option<(f64, f64)>,
     out: &mut Vec<f32>,
@@ -30,7 +30,9 @@ pub fn read_values(
         let n = left.min(CHUNK / kind.bytes());
         let bytes = &mut buf[..n * kind.bytes()];
         src.read_exact(bytes)?;
-        append(bytes, kind, big_endian, scale, out);
+        let start = out.len();
+        out.resize(start + n, 0.0);
+        decode_scaled(bytes, kind, endian, scale, 0, 1, &mut out[start..]);
         left -= n;
     }
     Ok(())
@@ -40,43 +42,6 @@ pub fn read_values(
 pub fn reserve(out: &mut Vec<f32>, count: usize) -> io::Result<()> {
     out.try_reserve_exact(count)
         .map_err(|e| io::Error::new(ErrorKind::OutOfMemory, format!("no memory for {count} values: {e}")))
-}
-
-fn append(bytes: &[u8], kind: ScalarType, big: bool, scale: Option<(f64, f64)>, out: &mut Vec<f32>) {
-    macro_rules! convert {
-        ($t:ty) => {{
-            const N: usize = size_of::<$t>();
-            let values = bytes.chunks_exact(N).map(|c| {
-                let mut word = [0u8; N];
-                word.copy_from_slice(c);
-                if big { <$t>::from_be_bytes(word) } else { <$t>::from_le_bytes(word) }
-            });
-            match scale {
-                Some((slope, inter)) => out.extend(values.map(|v| (v as f64 * slope + inter) as f32)),
-                None => out.extend(values.map(|v| v as f32)),
-            }
-        }};
-    }
-    match kind {
-        ScalarType::U8 => convert!(u8),
-        ScalarType::I8 => convert!(i8),
-        ScalarType::U16 => convert!(u16),
-        ScalarType::I16 => convert!(i16),
-        ScalarType::U32 => convert!(u32),
-        ScalarType::I32 => convert!(i32),
-        ScalarType::U64 => convert!(u64),
-        ScalarType::I64 => convert!(i64),
-        ScalarType::F16 => {
-            let word = |w: [u8; 2]| if big { f16::from_be_bytes(w) } else { f16::from_le_bytes(w) };
-            let values = bytes.as_chunks::<2>().0.iter().map(|w| word(*w).to_f32());
-            match scale {
-                Some((slope, inter)) => out.extend(values.map(|v| (f64::from(v) * slope + inter) as f32)),
-                None => out.extend(values),
-            }
-        }
-        ScalarType::F32 => convert!(f32),
-        ScalarType::F64 => convert!(f64),
-    }
 }
 
 /// Translates a failed read of `field`: truncated, damaged, or refused by the system.
@@ -106,10 +71,12 @@ pub fn damaged(message: impl Into<String>) -> io::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use half::f16;
 
     fn read(bytes: &[u8], kind: ScalarType, big: bool, scale: Option<(f64, f64)>) -> Vec<f32> {
         let mut out = Vec::new();
-        read_values(&mut &bytes[..], kind, big, bytes.len() / kind.bytes(), scale, &mut out).unwrap();
+        let endian = if big { Endian::Big } else { Endian::Little };
+        read_values(&mut &bytes[..], kind, endian, bytes.len() / kind.bytes(), scale, &mut out).unwrap();
         out
     }
 
@@ -134,7 +101,8 @@ mod tests {
         let bytes: Vec<u8> = (0..CHUNK + 10).map(|i| i as u8).collect();
         let got = read(&bytes, ScalarType::U8, false, None);
         assert!(got.iter().zip(&bytes).all(|(a, b)| *a == f32::from(*b)) && got.len() == bytes.len());
-        let short = read_values(&mut &bytes[..3], ScalarType::U16, false, 2, None, &mut Vec::new()).unwrap_err();
+        let short =
+            read_values(&mut &bytes[..3], ScalarType::U16, Endian::Little, 2, None, &mut Vec::new()).unwrap_err();
         assert!(read_error(Path::new("a.x"), "f", short).to_string().contains("truncated"));
     }
 }

@@ -19,7 +19,7 @@ use data::{Encoding, Layout, Packing};
 use glam::DVec3;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
-use xml::{Array, Document, Section};
+use xml::{Array, Document, Image, Section};
 
 /// Opens a `.vti` file and reads its markup; the values stay on disk. The array is the one called `variable`, or else
 /// the active one, or else the first, of those with one component.
@@ -88,12 +88,8 @@ impl VolumeFile for Vti {
     fn read(&self, step: usize, out: &mut Vec<f32>) -> Result<(), VolumeError> {
         out.clear();
         if step != 0 {
-            return Err(VolumeError::invalid(
-                &self.path,
-                "step",
-                format!("no step {step}"),
-                "the file has step 0 only",
-            ));
+            let problem = format!("no step {step}");
+            return Err(VolumeError::invalid(&self.path, "step", problem, "the file has step 0 only"));
         }
         let (file, _) = common::open_file(&self.path)?;
         common::reserve(&self.path, out, self.layout.count)?;
@@ -174,12 +170,13 @@ fn choose_in<'a>(section: &'a Section, place: &str, notes: &mut Vec<String>) -> 
 }
 
 fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Result<Grid, VolumeError> {
+    let Image { extent: whole_extent, spacing: spacings, origin, direction: d } = doc.image;
     let extent = doc.piece_extent;
-    if extent != doc.whole_extent {
+    if extent != whole_extent {
         notes.push("the piece covers part of WholeExtent: only that part is read".to_owned());
     }
-    let d = doc.direction;
-    let steps = [0, 1, 2].map(|a| [0, 1, 2].map(|row| d[3 * row + a] * doc.spacing[a]));
+    let steps = [0, 1, 2].map(|a| [0, 1, 2].map(|row| d[3 * row + a] * spacings[a]));
+    let bad = |field: &str, problem: String, hint: &str| Err(VolumeError::invalid(path, field, problem, hint));
     let mut dims = [1; 3];
     // voxels from the image's origin to the first value
     let mut first = [0.0; 3];
@@ -187,21 +184,13 @@ fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Re
         let (lo, hi) = (i64::from(extent[2 * a]), i64::from(extent[2 * a + 1]));
         let points = usize::try_from(hi - lo + 1).unwrap_or(0);
         if points == 0 {
-            return Err(VolumeError::invalid(
-                path,
-                "Extent",
-                format!("axis {a} runs from {lo} to {hi}: no voxels"),
-                "write each axis as first and last index",
-            ));
+            let problem = format!("axis {a} runs from {lo} to {hi}: no voxels");
+            return bad("Extent", problem, "write each axis as first and last index");
         }
-        let spacing = doc.spacing[a];
-        if !(spacing.is_finite() && spacing > 0.0 && doc.origin[a].is_finite()) {
-            return Err(VolumeError::invalid(
-                path,
-                "Spacing",
-                format!("axis {a}: spacing {spacing}, origin {}", doc.origin[a]),
-                "spacings must be finite and positive, origins finite",
-            ));
+        let spacing = spacings[a];
+        if !(spacing.is_finite() && spacing > 0.0 && origin[a].is_finite()) {
+            let problem = format!("axis {a}: spacing {spacing}, origin {}", origin[a]);
+            return bad("Spacing", problem, "spacings must be finite and positive, origins finite");
         }
         (dims[a], first[a]) = (points, lo as f64);
         if cells && points > 1 {
@@ -209,9 +198,9 @@ fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Re
             first[a] += 0.5;
         }
     }
-    common::check_spacing(path, "Spacing", doc.spacing)?;
+    common::check_spacing(path, "Spacing", spacings)?;
     let (directions, spacing) = common::directions(path, "Direction", steps)?;
-    let grid = Grid { dims, spacing, origin: doc.origin, directions };
+    let grid = Grid { dims, spacing, origin, directions };
     let origin = grid.position(DVec3::from_array(first)).to_array();
     Ok(Grid { origin: common::check_origin(path, "Origin", origin)?, ..grid })
 }
@@ -265,5 +254,5 @@ fn layout(path: &Path, doc: &Document, array: &Array, dims: [usize; 3], file_len
         let problem = format!("the extent claims {dims:?} values of {} bytes, more than the file holds", kind.bytes());
         return Err(bad(problem, "the file is truncated or its extent wrong: copy or write it again"));
     };
-    Ok(Layout { start, len, encoding, packing, wide: doc.wide, big_endian: doc.big_endian, kind, count })
+    Ok(Layout { start, len, encoding, packing, wide: doc.wide, endian: doc.endian, kind, count })
 }

@@ -96,21 +96,12 @@ impl RayCaster {
             let (low, high) = field.extremes(from, BRICK);
             table.any_opaque(0, low, high)
         });
-        let last = (SHINE - 1) as f32;
-        let shine =
-            (0..SHINE)
-                .map(|i| {
-                    if i == 0 {
-                        0.0
-                    } else {
-                        transfer.shading.specular * (i as f32 / last).powf(transfer.shading.power)
-                    }
-                })
-                .collect();
+        let (shading, last) = (transfer.shading, (SHINE - 1) as f32);
+        let shine_at = |i: usize| shading.specular * (i as f32 / last).powf(shading.power);
+        let shine = std::iter::once(0.0).chain((1..SHINE).map(shine_at)).collect();
         let flat = FLAT * (span[1] - span[0]) as f32;
         let width = (span[1] - span[0]).max(f64::MIN_POSITIVE);
         let gradient_unit = (-width.log2().round()).clamp(-90.0, 90.0).exp2() as f32;
-        let shading = transfer.shading;
         Self { field, labels, table, shading, shine, placement, occupancy, flat, gradient_unit, step }
     }
 

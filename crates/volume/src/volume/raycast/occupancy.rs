@@ -51,7 +51,9 @@ impl Occupancy {
                         if best == 0 {
                             continue;
                         }
-                        for n in EARLIER {
+                        // of the 27 places around, in order of z, y, x, the sweep has been at those before the middle
+                        for n in 0..13isize {
+                            let n = [n % 3 - 1, n / 3 % 3 - 1, n / 9 - 1];
                             let sign = if backward { -1 } else { 1 };
                             let shifted = |i: usize, d: isize| i.checked_add_signed(sign * d);
                             if let (Some(x), Some(y), Some(z)) = (shifted(x, n[0]), shifted(y, n[1]), shifted(z, n[2]))
@@ -91,20 +93,3 @@ impl Occupancy {
         k.max((leave - 0.01).max(0.0) as u32)
     }
 }
-
-/// The 13 neighbours already visited by a forward sweep.
-const EARLIER: [[isize; 3]; 13] = [
-    [-1, 0, 0],
-    [-1, -1, 0],
-    [0, -1, 0],
-    [1, -1, 0],
-    [-1, -1, -1],
-    [0, -1, -1],
-    [1, -1, -1],
-    [-1, 0, -1],
-    [0, 0, -1],
-    [1, 0, -1],
-    [-1, 1, -1],
-    [0, 1, -1],
-    [1, 1, -1],
-];

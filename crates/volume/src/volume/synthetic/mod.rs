@@ -24,6 +24,13 @@ use thiserror::Error;
 
 /// A synthetic scene: a scalar field over the box `[-1, 1]^3` (z up) and the time `[0, 1]`, with the segment of
 /// every point known.
+///
+/// ```
+/// use volseggs_volume::volume::synthetic::Synthetic;
+/// let (value, segment) = Synthetic::Shells.value_and_label([0.0; 3], 0.5);
+/// let name = Synthetic::Shells.segment_names()[usize::from(segment) - 1];
+/// assert!(value > 0.0 && name == "core");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Synthetic {
     /// Five rising, turbulent plumes that merge near the top.
@@ -116,19 +123,6 @@ const LABEL_FLOOR: f64 = 0.03;
 impl Synthetic {
     /// Every scene.
     pub const ALL: [Self; 6] = [Self::Jets, Self::Vortices, Self::Shells, Self::Layers, Self::Beads, Self::Filaments];
-
-    /// A one-line description.
-    #[must_use]
-    pub fn about(self) -> &'static str {
-        match self {
-            Self::Jets => "five turbulent plumes rise, mushroom and merge near the top",
-            Self::Vortices => "vortex tubes split, join, vanish and appear inside two translucent shells",
-            Self::Shells => "nested deforming layers hide a core and a small orbiting seed",
-            Self::Layers => "a translucent shell, a body and a core, each of a different shape, deform and move",
-            Self::Beads => "beads of one colour touch, merge, part and split",
-            Self::Filaments => "thin curved filaments in two colours turn, sway and bend",
-        }
-    }
 
     /// Names of the segments; label `k + 1` has name `k`, label 0 is no segment.
     #[must_use]

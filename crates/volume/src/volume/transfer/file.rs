@@ -30,7 +30,7 @@ struct Document {
     opacity: Vec<Value>,
     unit_length: Option<f64>,
     #[serde(default)]
-    shading: ShadingTable,
+    shading: Shading,
     #[serde(default)]
     segments: Vec<SegmentTable>,
 }
@@ -41,16 +41,6 @@ enum Units {
     #[default]
     Fraction,
     Data,
-}
-
-#[derive(Deserialize, Default)]
-#[serde(deny_unknown_fields)]
-struct ShadingTable {
-    enabled: Option<bool>,
-    ambient: Option<f32>,
-    diffuse: Option<f32>,
-    specular: Option<f32>,
-    power: Option<f32>,
 }
 
 #[derive(Deserialize)]
@@ -100,8 +90,6 @@ pub(super) fn parse(text: &str, path: &Path) -> Result<TransferFunction, VolumeE
         });
         segments.push(SegmentRange { name: segment.name.clone(), range: segment.range, color: color.transpose()? });
     }
-    let given = &document.shading;
-    let base = Shading::default();
     let stem = path.file_stem().map(|s| s.to_string_lossy()).unwrap_or_default();
     let mut function = TransferFunction {
         name: document.name.clone().unwrap_or_else(|| slug(&stem)),
@@ -109,13 +97,7 @@ pub(super) fn parse(text: &str, path: &Path) -> Result<TransferFunction, VolumeE
         colors: colors.unwrap_or_default(),
         opacity,
         unit_length: document.unit_length.unwrap_or(DEFAULT_UNIT_LENGTH),
-        shading: Shading {
-            enabled: given.enabled.unwrap_or(base.enabled),
-            ambient: given.ambient.unwrap_or(base.ambient),
-            diffuse: given.diffuse.unwrap_or(base.diffuse),
-            specular: given.specular.unwrap_or(base.specular),
-            power: given.power.unwrap_or(base.power),
-        },
+        shading: document.shading,
         segments,
     };
     if document.units == Units::Data && !function.opacity.is_empty() {

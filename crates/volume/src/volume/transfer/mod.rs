@@ -32,6 +32,13 @@ const PRESETS: &[(&str, &str)] = &[
 
 /// Maps data values to colours and opacities. Positions are fractions of [`TransferFunction::span`], so that one
 /// function fits any field.
+///
+/// ```
+/// use volseggs_volume::volume::transfer::TransferFunction;
+/// let fire = TransferFunction::load("fire")?;
+/// assert!(fire.opacity_at(0.0) == 0.0 && fire.opacity_at(1.0) > 0.5);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransferFunction {
     /// Name, of `a-z 0-9 - _`.
@@ -54,7 +61,8 @@ pub struct TransferFunction {
 }
 
 /// Blinn-Phong shading with the gradient of the field as the normal.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Shading {
     /// If false, the colour is used as it is.
     pub enabled: bool,

@@ -1,7 +1,8 @@
 //! The trained model: smoothed features and the gate, and what a click selects with them.
 
 use super::loss::{FEATURES, Feature, Gate, dot, unit};
-use super::smooth::{Neighbours, directions, means_of};
+use super::smooth::{directions, means_of, with_neighbours};
+use crate::points::nearest_rows::NearestRows;
 use rayon::prelude::*;
 
 /// Trained features of N Gaussians, smoothed once, so that a click costs one dot product per Gaussian.
@@ -15,11 +16,10 @@ pub struct SagaModel {
 }
 
 impl SagaModel {
-    /// Builds the model from unit features `[N, 32]` before smoothing.
-    pub(super) fn new(own: &[f32], neighbours: &Neighbours, gate: Gate, means: &[f32]) -> Self {
-        let n = means.len() / 3;
-        let near = (0..n as u32).flat_map(|i| neighbours.of(i)).copied().collect();
-        let smooth = means_of(near, neighbours.per()).gather(own, FEATURES);
+    /// Builds the model from unit features `[N, 32]` before smoothing and the `neighbours` `[N, per - 1]` to average over.
+    pub(super) fn new(own: &[f32], (neighbours, per): (&NearestRows, usize), gate: Gate, means: &[f32]) -> Self {
+        let near = (0..means.len() as u32 / 3).flat_map(|i| with_neighbours(neighbours, i)).collect();
+        let smooth = means_of(near, per).gather(own, FEATURES);
         let features = directions(&smooth).into_iter().map(|row| row.0).collect();
         let placed = means.chunks_exact(3).map(|m| m.iter().all(|v| v.is_finite())).collect();
         Self { features, gate, placed }

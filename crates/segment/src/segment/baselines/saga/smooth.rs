@@ -1,44 +1,13 @@
-//! Features of Gaussians averaged over their neighbours: lists of neighbours, and the mean as a sparse matrix. Nothing
-//! is learnt here.
+//! Features of Gaussians averaged over their neighbours, the mean as a sparse matrix. Nothing is learnt here.
 
 use super::loss::{FEATURES, Feature, unit};
-use crate::points::PointsError;
-use crate::points::neighbours::Grid;
+use crate::points::nearest_rows::NearestRows;
 use rayon::prelude::*;
 use volseggs_kernels::splat::contributors::Contributors;
 
-/// The nearest neighbours of N Gaussians, each Gaussian itself first, then from near to far.
-#[derive(Clone, Debug)]
-pub(super) struct Neighbours {
-    /// `[N, per]`; missing neighbours are replaced by the Gaussian itself.
-    ids: Vec<u32>,
-    per: usize,
-}
-
-impl Neighbours {
-    /// Finds `per` neighbours of each of `means` `[N, 3]`. A Gaussian without a finite position is its own only
-    /// neighbour.
-    pub(super) fn new(means: &[f32], per: usize) -> Result<Self, PointsError> {
-        let grid = Grid::adaptive(means)?;
-        let row = |i: u32| {
-            let mean = &means[3 * i as usize..][..3];
-            let found = grid.nearest([mean[0], mean[1], mean[2]], per - 1, Some(i));
-            let near = found.into_iter().map(|(id, _)| id).chain(std::iter::repeat(i)).take(per - 1);
-            std::iter::once(i).chain(near).collect::<Vec<u32>>()
-        };
-        let ids = (0..means.len() as u32 / 3).into_par_iter().flat_map_iter(row).collect();
-        Ok(Self { ids, per })
-    }
-
-    /// Number of neighbours of each Gaussian, including itself.
-    pub(super) fn per(&self) -> usize {
-        self.per
-    }
-
-    /// Neighbours of Gaussian `i`, including itself.
-    pub(super) fn of(&self, i: u32) -> &[u32] {
-        &self.ids[i as usize * self.per..][..self.per]
-    }
+/// Returns the Gaussian `i`, then its neighbours from near to far; it takes the places of missing ones.
+pub(super) fn with_neighbours(neighbours: &NearestRows, i: u32) -> impl Iterator<Item = u32> {
+    std::iter::once(i).chain(neighbours.row(i as usize).iter().copied())
 }
 
 /// Returns the averaging matrix: each row has the next `per` of `indices`, each with weight `1 / per`.

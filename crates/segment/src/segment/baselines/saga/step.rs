@@ -2,8 +2,10 @@
 
 use super::loss::{FEATURES, Facts, Feature, Gate, Loss, Pixels, Rule, contrast, through_unit, unit};
 use super::model::SagaModel;
-use super::smooth::{Neighbours, directions, flat, means_of};
+use super::smooth::{directions, flat, means_of, with_neighbours};
 use super::{SagaError, SagaOptions};
+use crate::points::nearest_rows::NearestRows;
+use crate::points::neighbours::Grid;
 use crate::rng::{Purpose, Rng};
 use crate::segment::fine::views::FineView;
 use rayon::prelude::*;
@@ -69,7 +71,10 @@ pub(super) struct Trainer<'a> {
     views: &'a [FineView],
     facts: Vec<Facts>,
     options: SagaOptions,
-    neighbours: Neighbours,
+    /// The other Gaussians that a feature is averaged over, `[N, per - 1]`.
+    neighbours: NearestRows,
+    /// Their number, with the Gaussian itself.
+    per: usize,
     pub(super) features: Vec<Parameter>,
     pub(super) gate: [Parameter; 2],
     /// Position of each Gaussian among the sources of the current step, `[N]`.
@@ -78,7 +83,8 @@ pub(super) struct Trainer<'a> {
 
 impl<'a> Trainer<'a> {
     pub(super) fn new(views: &'a [FineView], means: &[f32], options: &SagaOptions) -> Result<Self, SagaError> {
-        let neighbours = Neighbours::new(means, options.neighbours.max(1))?;
+        let per = options.neighbours.max(1);
+        let neighbours = Grid::adaptive(means)?.nearest_of_each(per - 1);
         let n = means.len() / 3;
         let shown = views.iter().flat_map(|v| &v.globals).max();
         assert!(shown.is_none_or(|&g| (g as usize) < n), "a view shows Gaussian {shown:?}, but there are only {n}");
@@ -86,18 +92,13 @@ impl<'a> Trainer<'a> {
         let features = (0..n).map(|_| Parameter::new(unit(std::array::from_fn(|_| rng.normal())).0)).collect();
         let gate = [0; 2].map(|_| Parameter::new(std::array::from_fn(|_| 2.0 * rng.uniform() - 1.0)));
         let facts = views.iter().map(Facts::of).collect();
-        Ok(Self { views, facts, options: *options, neighbours, features, gate, place: vec![NOWHERE; n] })
+        Ok(Self { views, facts, options: *options, neighbours, per, features, gate, place: vec![NOWHERE; n] })
     }
 
     /// Draws the pixels, scales and neighbours of a step on view `v`.
     pub(super) fn batch(&mut self, v: usize, rng: &mut Rng) -> Batch {
         let (view, facts, options) = (&self.views[v], &self.facts[v], &self.options);
-        let all = view.pixels.len();
-        let chosen: Vec<usize> = if all <= options.pixels {
-            (0..all).collect()
-        } else {
-            (0..options.pixels).map(|_| rng.below(all)).collect()
-        };
+        let chosen = view.draw(options.pixels, rng);
         // the largest scale is always included
         let mut scales = vec![1.0];
         if !facts.scales.is_empty() {
@@ -106,25 +107,18 @@ impl<'a> Trainer<'a> {
         scales.sort_by(f32::total_cmp);
         scales.dedup();
         // the neighbours kept, at the same positions for every Gaussian
-        let per = self.neighbours.per();
+        let per = self.per;
         let kept = ((1.0 - options.dropout) * per as f32).round().clamp(1.0, per as f32) as usize;
         let mut columns: Vec<usize> = (0..per).collect();
         rng.shuffle(&mut columns);
         columns.truncate(kept);
 
-        let mut rows = Contributors { offsets: vec![0], ..Contributors::default() };
+        let mut rows = view.pixels.rows(&chosen);
         let (mut local, mut touched) = (vec![NOWHERE; view.globals.len()], Vec::new());
-        for &p in &chosen {
-            let (indices, weights) = view.pixels.row(p);
-            for &i in indices {
-                rows.indices.push(number(&mut local, &mut touched, i));
-            }
-            rows.weights.extend_from_slice(weights);
-            rows.offsets.push(rows.indices.len() as u32);
-        }
+        rows.indices.iter_mut().for_each(|i| *i = number(&mut local, &mut touched, *i));
         let (mut sources, mut indices) = (Vec::new(), Vec::with_capacity(touched.len() * kept));
         for &t in &touched {
-            let near = self.neighbours.of(view.globals[t as usize]);
+            let near: Vec<u32> = with_neighbours(&self.neighbours, view.globals[t as usize]).collect();
             indices.extend(columns.iter().map(|&c| number(&mut self.place, &mut sources, near[c])));
         }
         sources.iter().for_each(|&i| self.place[i as usize] = NOWHERE);
@@ -168,7 +162,7 @@ impl<'a> Trainer<'a> {
     /// Returns the model learnt so far.
     pub(super) fn model(&self, means: &[f32]) -> SagaModel {
         let own: Vec<(Feature, f32)> = self.features.par_iter().map(|f| unit(f.value)).collect();
-        SagaModel::new(&flat(&own), &self.neighbours, self.gate(), means)
+        SagaModel::new(&flat(&own), (&self.neighbours, self.per), self.gate(), means)
     }
 
     fn gate(&self) -> Gate {

@@ -3,7 +3,7 @@
 use super::loss::{FEATURES, Facts};
 use super::step::Trainer;
 use super::*;
-use crate::segment::balls::{APART, COUNT, add, on_threads};
+use crate::segment::test_support::{APART, COUNT, add, on_threads};
 
 fn quick(steps: usize) -> SagaOptions {
     SagaOptions { steps, pixels: 48, scales: 2, rate: 0.02, ..SagaOptions::default() }

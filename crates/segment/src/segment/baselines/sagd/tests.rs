@@ -1,7 +1,7 @@
 //! SAGD on two balls: votes, choices of masks, cuts, non-finite values, thread counts.
 
 use super::*;
-use crate::segment::balls::{APART, COUNT, add, on_threads};
+use crate::segment::test_support::{APART, COUNT, add, on_threads};
 
 fn balls() -> Vec<SagdView> {
     APART.views().into_iter().map(|(camera, masks)| SagdView { camera, masks }).collect()

@@ -9,7 +9,7 @@ use burn::module::Module;
 use burn::tensor::Tensor;
 use burn::tensor::activation::gelu;
 
-/// Expands the channels, filters each, and brings them back: an inverted residual block.
+/// Expands the channels, filters each, and projects them: an inverted residual block without its residual.
 #[derive(Module, Debug)]
 struct ConvBlock {
     expand: Conv,
@@ -18,34 +18,12 @@ struct ConvBlock {
 }
 
 impl ConvBlock {
-    fn load(scope: &Scope<'_>, dim: usize, hidden: usize) -> Result<Self, SamError> {
+    /// Loads a block from `inputs` through `hidden` to `outputs` channels, whose filters move by `stride`.
+    fn load(scope: &Scope<'_>, [inputs, hidden, outputs]: [usize; 3], stride: usize) -> Result<Self, SamError> {
         Ok(Self {
-            expand: Conv::load_folded(&scope.at("conv1"), ConvShape::dense(dim, hidden, 1, 1))?,
-            filter: Conv::load_folded(&scope.at("conv2"), ConvShape::depthwise(hidden, 3, 1))?,
-            project: Conv::load_folded(&scope.at("conv3"), ConvShape::dense(hidden, dim, 1, 1))?,
-        })
-    }
-
-    fn forward(&self, x: Tensor<4>) -> Tensor<4> {
-        let hidden = gelu(self.filter.forward(gelu(self.expand.forward(x.clone()))));
-        gelu(self.project.forward(hidden) + x)
-    }
-}
-
-/// Changes the channels between stages and, by its stride, the resolution.
-#[derive(Module, Debug)]
-struct Merge {
-    expand: Conv,
-    filter: Conv,
-    project: Conv,
-}
-
-impl Merge {
-    fn load(scope: &Scope<'_>, inputs: usize, outputs: usize, stride: usize) -> Result<Self, SamError> {
-        Ok(Self {
-            expand: Conv::load_folded(&scope.at("conv1"), ConvShape::dense(inputs, outputs, 1, 1))?,
-            filter: Conv::load_folded(&scope.at("conv2"), ConvShape::depthwise(outputs, 3, stride))?,
-            project: Conv::load_folded(&scope.at("conv3"), ConvShape::dense(outputs, outputs, 1, 1))?,
+            expand: Conv::load_folded(&scope.at("conv1"), ConvShape::dense(inputs, hidden, 1, 1))?,
+            filter: Conv::load_folded(&scope.at("conv2"), ConvShape::depthwise(hidden, 3, stride))?,
+            project: Conv::load_folded(&scope.at("conv3"), ConvShape::dense(hidden, outputs, 1, 1))?,
         })
     }
 
@@ -59,8 +37,8 @@ impl Merge {
 pub(super) struct TinyVit {
     stem: Vec<Conv>,
     convs: Vec<ConvBlock>,
-    /// Between a stage and the next.
-    merges: Vec<Merge>,
+    /// Between a stage and the next: they change the channels and, by their stride, the resolution.
+    merges: Vec<ConvBlock>,
     /// Of stages 1 to 3.
     stages: Vec<Vec<Block>>,
     neck: Vec<Conv>,
@@ -82,9 +60,10 @@ impl TinyVit {
         ];
         let layer = |stage: usize| scope.at("layers").at(stage);
         let hidden = dims[0] * config.expand_ratio;
-        let conv = |i: usize| ConvBlock::load(&layer(0).at("blocks").at(i), dims[0], hidden);
+        let conv = |i: usize| ConvBlock::load(&layer(0).at("blocks").at(i), [dims[0], hidden, dims[0]], 1);
         let merge = |(stage, stride): (usize, usize)| {
-            Merge::load(&layer(stage).at("downsample"), dims[stage], dims[stage + 1], stride)
+            let (from, to) = (dims[stage], dims[stage + 1]);
+            ConvBlock::load(&layer(stage).at("downsample"), [from, to, to], stride)
         };
         let stage = |stage: usize| {
             let block = |i: usize| Block::load(&layer(stage).at("blocks").at(i), config, stage);
@@ -114,7 +93,7 @@ impl TinyVit {
             x = conv.forward(if i == 0 { x } else { gelu(x) });
         }
         for block in &self.convs {
-            x = block.forward(x);
+            x = gelu(block.forward(x.clone()) + x);
         }
         for (merge, blocks) in self.merges.iter().zip(&self.stages) {
             // attention works on rows of channels

@@ -2,8 +2,8 @@
 
 use super::SamError;
 use burn::module::Param;
-use burn::tensor::{DType, Device, Tensor, TensorData, f16};
-use safetensors::{Dtype, SafeTensors};
+use burn::tensor::{DType, Device, Tensor, TensorData};
+use safetensors::SafeTensors;
 use std::path::Path;
 
 /// A parsed weights file with its name, for messages, and the device that tensors go to.
@@ -53,10 +53,8 @@ impl<'a> Scope<'a> {
             let (expected, found) = (shape.to_vec(), view.shape().to_vec());
             return Err(SamError::Shape { path: path(), tensor, expected, found });
         }
-        let values: Vec<f32> = match view.dtype() {
-            Dtype::F32 => view.data().as_chunks::<4>().0.iter().map(|b| f32::from_le_bytes(*b)).collect(),
-            Dtype::F16 => view.data().as_chunks::<2>().0.iter().map(|b| f16::from_le_bytes(*b).to_f32()).collect(),
-            other => return Err(SamError::Type { path: path(), tensor, found: format!("{other:?}") }),
+        let Some(values) = crate::tensors::floats(&view) else {
+            return Err(SamError::Type { path: path(), tensor, found: format!("{:?}", view.dtype()) });
         };
         if !values.iter().all(|v| v.is_finite()) {
             return Err(self.not_allowed(name));

@@ -2,7 +2,7 @@
 //! reads, and no header can claim more than its data files can hold.
 
 use super::super::common;
-use super::super::decode::{Endian, decode_into};
+use super::super::decode::{Endian, decode_into, parse};
 use crate::volume::error::VolumeError;
 use crate::volume::grid::ScalarType;
 use flate2::read::MultiGzDecoder;
@@ -81,12 +81,8 @@ impl Data {
         for file in &self.files {
             if !file.is_file() {
                 let problem = format!("{} does not exist", file.display());
-                return Err(VolumeError::invalid(
-                    header,
-                    "data file",
-                    problem,
-                    "names are relative to the header's folder",
-                ));
+                let hint = "names are relative to the header's folder";
+                return Err(VolumeError::invalid(header, "data file", problem, hint));
             }
             let len = common::open_file(file)?.1.saturating_sub(self.base);
             let needed = self.bytes().saturating_add(self.byte_skip.unwrap_or(0));
@@ -232,7 +228,8 @@ impl Data {
             if seen < self.per_file
                 && let Some((range, 0)) = chosen.part(from + seen, 1)
             {
-                out[range.start] = self.number(word).ok_or_else(|| {
+                let value = std::str::from_utf8(word).ok().and_then(|word| parse(word, self.scalar));
+                out[range.start] = value.ok_or_else(|| {
                     let shown = String::from_utf8_lossy(&word[..word.len().min(40)]);
                     let problem = format!("\"{shown}\" is not a valid {}", self.scalar.name());
                     VolumeError::invalid(file, format!("value {seen}"), problem, "write the file again")
@@ -245,22 +242,5 @@ impl Data {
             return Err(VolumeError::invalid(file, "data", problem, "correct sizes in the header, or write it again"));
         }
         Ok(())
-    }
-
-    fn number(&self, word: &[u8]) -> Option<f32> {
-        let word = std::str::from_utf8(word).ok()?;
-        let whole = |lo: i64, hi: i64| word.parse().ok().filter(|v| (lo..=hi).contains(v)).map(|v: i64| v as f32);
-        match self.scalar {
-            ScalarType::U8 => whole(0, i64::from(u8::MAX)),
-            ScalarType::I8 => whole(i64::from(i8::MIN), i64::from(i8::MAX)),
-            ScalarType::U16 => whole(0, i64::from(u16::MAX)),
-            ScalarType::I16 => whole(i64::from(i16::MIN), i64::from(i16::MAX)),
-            ScalarType::U32 => whole(0, i64::from(u32::MAX)),
-            ScalarType::I32 => whole(i64::from(i32::MIN), i64::from(i32::MAX)),
-            ScalarType::F16 | ScalarType::F32 => word.parse().ok(),
-            ScalarType::U64 => word.parse::<u64>().ok().map(|v| v as f32),
-            ScalarType::I64 => word.parse::<i64>().ok().map(|v| v as f32),
-            ScalarType::F64 => word.parse::<f64>().ok().map(|v| v as f32),
-        }
     }
 }

@@ -2,6 +2,7 @@
 //! many values it must hold is decided by the caller; nothing here is allocated because of a block header alone.
 
 use crate::memory::Budget;
+use crate::volume::formats::decode::{Endian, parse};
 use crate::volume::formats::stream::{damaged, read_values, reserve};
 use crate::volume::grid::ScalarType;
 use flate2::read::ZlibDecoder;
@@ -35,7 +36,7 @@ pub(super) struct Layout {
     pub packing: Packing,
     /// Block headers are 64-bit words, else 32-bit.
     pub wide: bool,
-    pub big_endian: bool,
+    pub endian: Endian,
     pub kind: ScalarType,
     /// Number of values required by the extent.
     pub count: usize,
@@ -90,23 +91,7 @@ fn number(token: &mut Vec<u8>, layout: &Layout, out: &mut Vec<f32>) -> io::Resul
         return Err(damaged(format!("more values than the {} of the extent", layout.count)));
     }
     let text = String::from_utf8_lossy(token);
-    macro_rules! parse {
-        ($t:ty) => {
-            text.parse::<$t>().ok().map(|v| v as f32)
-        };
-    }
-    let value = match layout.kind {
-        ScalarType::U8 => parse!(u8),
-        ScalarType::I8 => parse!(i8),
-        ScalarType::U16 => parse!(u16),
-        ScalarType::I16 => parse!(i16),
-        ScalarType::U32 => parse!(u32),
-        ScalarType::I32 => parse!(i32),
-        ScalarType::U64 => parse!(u64),
-        ScalarType::I64 => parse!(i64),
-        ScalarType::F16 | ScalarType::F32 => parse!(f32),
-        ScalarType::F64 => parse!(f64),
-    };
+    let value = parse(&text, layout.kind);
     out.push(
         value.ok_or_else(|| damaged(format!("value {}: \"{text}\" is not a valid {:?}", out.len(), layout.kind)))?,
     );
@@ -115,16 +100,16 @@ fn number(token: &mut Vec<u8>, layout: &Layout, out: &mut Vec<f32>) -> io::Resul
 }
 
 fn binary(mut src: impl Read, layout: &Layout, out: &mut Vec<f32>) -> io::Result<()> {
-    let Layout { kind, big_endian, count, .. } = *layout;
+    let Layout { kind, endian, count, .. } = *layout;
     let needed = (count * kind.bytes()) as u64;
     if layout.packing == Packing::Plain {
         let size = word(&mut src, layout)?;
         if size != needed {
             return Err(damaged(format!("the array holds {size} bytes, its extent needs {needed}")));
         }
-        return read_values(&mut src, kind, big_endian, count, None, out);
+        return read_values(&mut src, kind, endian, count, None, out);
     }
-    read_values(&mut Blocks::new(src, layout, needed)?, kind, big_endian, count, None, out)
+    read_values(&mut Blocks::new(src, layout, needed)?, kind, endian, count, None, out)
 }
 
 /// One word of a block header.
@@ -132,10 +117,10 @@ fn word(src: &mut impl Read, layout: &Layout) -> io::Result<u64> {
     let mut bytes = [0u8; 8];
     let n = if layout.wide { 8 } else { 4 };
     src.read_exact(&mut bytes[..n])?;
-    Ok(match (layout.wide, layout.big_endian) {
-        (_, false) => u64::from_le_bytes(bytes),
-        (true, true) => u64::from_be_bytes(bytes),
-        (false, true) => u64::from_be_bytes(bytes) >> 32,
+    Ok(match (layout.wide, layout.endian) {
+        (_, Endian::Little) => u64::from_le_bytes(bytes),
+        (true, Endian::Big) => u64::from_be_bytes(bytes),
+        (false, Endian::Big) => u64::from_be_bytes(bytes) >> 32,
     })
 }
 

@@ -2,6 +2,8 @@
 //! appended data (which is not XML) begins.
 
 use crate::volume::error::VolumeError;
+use crate::volume::formats::common::scalar_from_name;
+use crate::volume::formats::decode::Endian;
 use crate::volume::grid::ScalarType;
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
@@ -11,21 +13,28 @@ use std::path::Path;
 /// The content of the markup.
 #[derive(Debug)]
 pub(super) struct Document {
-    pub big_endian: bool,
+    pub endian: Endian,
     /// Block headers are 64-bit words.
     pub wide: bool,
     /// Name of the compressor; empty for none.
     pub compressor: String,
-    pub whole_extent: [i32; 6],
+    pub image: Image,
     pub piece_extent: [i32; 6],
-    pub spacing: [f64; 3],
-    pub origin: [f64; 3],
-    /// Unit vectors of the image's axes as columns, row by row.
-    pub direction: [f64; 9],
     pub point: Section,
     pub cell: Section,
     /// First byte of the appended data (after `_`), and whether it is raw (else base64).
     pub appended: Option<(u64, bool)>,
+}
+
+/// The attributes of `ImageData`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Image {
+    /// The `WholeExtent`.
+    pub extent: [i32; 6],
+    pub spacing: [f64; 3],
+    pub origin: [f64; 3],
+    /// Unit vectors of the image's axes as columns, row by row.
+    pub direction: [f64; 9],
 }
 
 /// The arrays of `PointData` or `CellData`.
@@ -50,19 +59,8 @@ pub(super) struct Array {
 
 /// The number type of a name: `Int8`, `Float32`, ...
 pub(super) fn kind(name: &str) -> Option<ScalarType> {
-    Some(match name {
-        "Int8" => ScalarType::I8,
-        "UInt8" => ScalarType::U8,
-        "Int16" => ScalarType::I16,
-        "UInt16" => ScalarType::U16,
-        "Int32" => ScalarType::I32,
-        "UInt32" => ScalarType::U32,
-        "Int64" => ScalarType::I64,
-        "UInt64" => ScalarType::U64,
-        "Float32" => ScalarType::F32,
-        "Float64" => ScalarType::F64,
-        _ => return None,
-    })
+    let kinds = ["Int8", "Int16", "Int32", "Int64", "UInt8", "UInt16", "UInt32", "UInt64", "Float32", "Float64"];
+    kinds.contains(&name).then(|| scalar_from_name(name))?
 }
 
 const REWRITE: &str = "the file is damaged or truncated: copy or write it again";
@@ -127,15 +125,6 @@ fn underscore(path: &Path, src: impl BufRead, start: u64) -> Result<u64, VolumeE
         }
     }
     Err(VolumeError::invalid(path, "AppendedData", "does not start with an underscore", REWRITE))
-}
-
-/// The attributes of `ImageData`.
-#[derive(Clone, Copy, Debug)]
-struct Image {
-    extent: [i32; 6],
-    spacing: [f64; 3],
-    origin: [f64; 3],
-    direction: [f64; 9],
 }
 
 /// The parser's state.
@@ -267,23 +256,11 @@ impl State {
         let missing = |field: &str| {
             VolumeError::invalid(path, field, "the file has none", "write the image again as a serial .vti file")
         };
-        let Image { extent: whole_extent, spacing, origin, direction } =
-            self.image.ok_or_else(|| missing("ImageData"))?;
+        let image = self.image.ok_or_else(|| missing("ImageData"))?;
         let piece_extent = self.piece.ok_or_else(|| missing("Piece"))?;
-        let Self { big_endian, wide, compressor, point, cell, appended, .. } = self;
-        Ok(Document {
-            big_endian,
-            wide,
-            compressor,
-            whole_extent,
-            piece_extent,
-            spacing,
-            origin,
-            direction,
-            point,
-            cell,
-            appended,
-        })
+        let endian = if self.big_endian { Endian::Big } else { Endian::Little };
+        let Self { wide, compressor, point, cell, appended, .. } = self;
+        Ok(Document { endian, wide, compressor, image, piece_extent, point, cell, appended })
     }
 }
 

@@ -1,12 +1,12 @@
 //! Writers of fields on a voxel grid: VTK image data, NRRD and NumPy. Nothing here computes fields.
 
-mod nrrd;
-mod vti;
-
 use super::npy::NpyWriter;
+use super::nrrd::NrrdHeader;
+use super::vti::VtiImage;
 use crate::data::calibration::AxisConvention;
 use crate::files::{MARK, ReplaceError, write_named};
 use crate::volume::grid::Grid;
+use flate2::Compression;
 use std::path::Path;
 
 /// A field on the voxels of a grid.
@@ -90,7 +90,28 @@ impl FieldVolume<'_> {
 /// # Errors
 /// If something else is there, or it cannot be written.
 pub fn write_vti(path: &Path, volume: &FieldVolume<'_>) -> Result<(), ReplaceError> {
-    write(path, vti::encode(volume))
+    write(path, vti(volume))
+}
+
+fn vti(volume: &FieldVolume<'_>) -> std::io::Result<Vec<u8>> {
+    let mut image = VtiImage::default();
+    image.field("Float64", "TimeValue", [1, 1], &volume.time.to_string());
+    image.texts("time_unit", [volume.time_unit].into_iter());
+    if let Some(unit) = volume.unit {
+        image.texts("length_unit", [unit].into_iter());
+    }
+    image.texts("field_names", volume.fields.iter().map(|field| field.name));
+    image.texts("field_units", volume.fields.iter().map(|field| field.unit.as_str()));
+    image.field("UInt8", "edited", [1, 1], &u8::from(volume.edited).to_string());
+    for Field { name, components, values, .. } in volume.fields {
+        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        image.points("Float32", name, Some(*components), &bytes)?;
+    }
+    let active = |kind: &str, components: usize| {
+        let field = volume.fields.iter().find(|field| field.components == components);
+        field.map_or_else(String::new, |field| format!(r#" {kind}="{}""#, field.name))
+    };
+    Ok(image.finish(&volume.comment(), &volume.grid, &(active("Scalars", 1) + &active("Vectors", 3))))
 }
 
 /// Writes an NRRD file with gzip data: one scalar field has three axes, anything else a first axis for the numbers of a
@@ -99,7 +120,29 @@ pub fn write_vti(path: &Path, volume: &FieldVolume<'_>) -> Result<(), ReplaceErr
 /// # Errors
 /// As [`write_vti`].
 pub fn write_nrrd(path: &Path, volume: &FieldVolume<'_>) -> Result<(), ReplaceError> {
-    write(path, nrrd::encode(volume))
+    let components = volume.components();
+    // a vector of space, or a list of numbers of any kind
+    let axis = if volume.fields.len() == 1 { "vector" } else { "list" };
+    let units = volume.fields.iter().map(|field| format!("{} {}", field.name, field.unit)).collect::<Vec<_>>();
+    let keys = [
+        ("channels", volume.channels().join(" ")),
+        ("field_units", units.join("; ")),
+        ("time", format!("{} {}", volume.time, volume.time_unit)),
+        ("edited", if volume.edited { "yes" } else { "no" }.to_owned()),
+    ];
+    let header = NrrdHeader {
+        comment: volume.comment(),
+        kind: "float",
+        grid: &volume.grid,
+        axes: volume.axes,
+        unit: volume.unit,
+        several: (components != 1).then_some((components, axis)),
+        keys: keys.map(|(key, value)| (key.to_owned(), value)).to_vec(),
+    };
+    let encoded = header.encode(Compression::fast(), |write| {
+        volume.together(|values| write(&values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>()))
+    });
+    write(path, encoded)
 }
 
 /// Writes a NumPy array: `[z, y, x]` for one scalar field, else `[z, y, x, C]` with the numbers of all fields. It holds

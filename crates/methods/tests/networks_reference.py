@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Writes tests/data/networks.safetensors: small networks of CoordNet, InSituNet and ViSNeRF with random weights, inputs, and
+"""Writes crates/methods/tests/data/networks.safetensors: small networks of CoordNet, InSituNet and ViSNeRF with random weights, inputs, and
 what ONNX Runtime makes of them (its convolutions, normalisation by batch, resizing, interpolation on grids).
 
     pip install onnx onnxruntime numpy safetensors
-    python tests/support/networks_reference.py tests/data/networks.safetensors
+    python crates/methods/tests/networks_reference.py crates/methods/tests/data/networks.safetensors
 
 Weights stand under the names that our files give them, behind the name of the method; inputs and outputs under `METHOD.check.*`.
 """
