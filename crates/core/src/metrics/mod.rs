@@ -18,8 +18,8 @@ pub static METRICS: Registry<dyn Metric> = Registry::new(
     "metric",
     &[
         ("psnr", &psnr::Psnr),
-        ("ssim", &ssim::SsimRgb),
-        ("ssim_gray", &ssim::SsimGray),
+        ("ssim", &ssim::Ssim { of_gray: false }),
+        ("ssim_gray", &ssim::Ssim { of_gray: true }),
         ("lpips_alex", &LpipsMetric(LpipsNet::Alex)),
         ("lpips_vgg", &LpipsMetric(LpipsNet::Vgg)),
     ],

@@ -61,30 +61,21 @@ pub fn ssim_gray(a: &[f32], b: &[f32], width: usize, height: usize) -> Result<f6
     Ok(sum / (rows * columns) as f64)
 }
 
-/// [`ssim_rgb`] of a view.
-pub(super) struct SsimRgb;
-
-impl Metric for SsimRgb {
-    fn value(&self, view: &MetricInput<'_>) -> Result<Option<f64>, MetricFailure> {
-        Ok(Some(ssim_rgb(view.render, view.truth, view.width, view.height)?))
-    }
-
-    fn display(&self) -> Option<MetricDisplay> {
-        let display = MetricDisplay::new("SSIM", "SSIM", 4, Better::Higher);
-        Some(MetricDisplay { note: "RGB, Gaussian window", by_default: true, ..display })
-    }
+/// SSIM of a view: [`ssim_gray`] or [`ssim_rgb`].
+pub(super) struct Ssim {
+    /// Whether it is that of grey values.
+    pub(super) of_gray: bool,
 }
 
-/// [`ssim_gray`] of a view.
-pub(super) struct SsimGray;
-
-impl Metric for SsimGray {
+impl Metric for Ssim {
     fn value(&self, view: &MetricInput<'_>) -> Result<Option<f64>, MetricFailure> {
-        Ok(Some(ssim_gray(view.render, view.truth, view.width, view.height)?))
+        let ssim = if self.of_gray { ssim_gray } else { ssim_rgb };
+        Ok(Some(ssim(view.render, view.truth, view.width, view.height)?))
     }
 
     fn display(&self) -> Option<MetricDisplay> {
-        Some(MetricDisplay { note: "grey, 7x7", ..MetricDisplay::new("SSIM (grey)", "SSIM", 4, Better::Higher) })
+        let (head, note) = if self.of_gray { ("SSIM (grey)", "grey, 7x7") } else { ("SSIM", "RGB, Gaussian window") };
+        Some(MetricDisplay { note, by_default: !self.of_gray, ..MetricDisplay::new(head, "SSIM", 4, Better::Higher) })
     }
 }
 
