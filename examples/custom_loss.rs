@@ -12,7 +12,7 @@ struct ClearOrOpaque;
 
 impl LossTerm for ClearOrOpaque {
     fn loss(&self, seen: &LossInput<'_>) -> Tensor<1> {
-        let opacity = sigmoid(seen.at.opacity_logits.clone());
+        let opacity = sigmoid(seen.gaussians.opacity_logits.clone());
         (opacity.clone() * (opacity.neg() + 1.0)).mean()
     }
 }

@@ -151,7 +151,7 @@ fn the_loss_term_has_the_right_gradient_and_changes_the_result() {
     assert_ne!(collect(trainer.scene())["gaussians.sh"], collect(edged.scene())["gaussians.sh"]);
 
     let scene = trainer.scene();
-    let at = scene.at(0.5);
+    let gaussians = scene.deformed(0.5);
     let target = noise([7, 9, 4], 1, trainer.device());
     let config = config(&[]);
     let f = |image: Tensor<3>| {
@@ -161,7 +161,7 @@ fn the_loss_term_has_the_right_gradient_and_changes_the_result() {
             image: &image,
             target: &target,
             scene,
-            at: &at,
+            gaussians: &gaussians,
             camera,
             config,
             stage,

@@ -56,7 +56,7 @@ pub fn trained_scene(path: &Path) -> (Scene, Vec<f32>) {
     let spec = &scene.spec;
     let place = |(i, m): (usize, &f32)| (m - spec.centre[i % 3]) / spec.half_size[i % 3];
     let points = canonical.means.iter().enumerate().map(place).collect();
-    let at = scene.at(0.5);
+    let at = scene.deformed(0.5);
     let host = Scene {
         means: to_vec(at.means),
         rotations: to_vec(at.rotations),
@@ -86,7 +86,7 @@ pub fn trained_step(scene: &Path, data: &Path, repeats: usize, device: &Device) 
 pub fn frames(path: &Path, repeats: usize, device: &Device) -> Vec<Stage> {
     let scene = volseggs::model::Scene::load(path, device).unwrap();
     let (camera, background) = (common::camera(SIZE), scene.spec.background);
-    let held = scene.at(0.5);
+    let held = scene.deformed(0.5);
     let mut frame = 0;
     let moving = common::measure(repeats, || {
         frame += 1;

@@ -24,7 +24,7 @@ pub const C3E: f32 = 1.445_305_7;
 /// `(x^2 - y^2) (7 z^2 - 1)` and `x^2 (x^2 - 3 y^2) - y^2 (3 x^2 - y^2)`.
 pub const C4: [f32; 7] = [2.503_342_9, 1.770_130_8, 0.946_174_7, 0.669_046_5, 0.105_785_55, 0.473_087_35, 0.625_835_7];
 
-/// The bands that a Gaussian's coefficients belong to. Their number K tells: see [`Bands::of`].
+/// The bands that a Gaussian's coefficients belong to. Their number K tells: see [`Bands::from_count`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bands {
     /// All up to a degree of 0 to 3: K is 1, 4, 9 or 16.
@@ -37,7 +37,7 @@ impl Bands {
     /// Returns the bands of K coefficients and their highest degree; `None` if no degree has that many.
     #[inline(always)]
     #[must_use]
-    pub const fn of(k: usize) -> Option<(Self, usize)> {
+    pub const fn from_count(k: usize) -> Option<(Self, usize)> {
         match k {
             1 => Some((Self::All, 0)),
             4 => Some((Self::All, 1)),
@@ -53,7 +53,7 @@ impl Bands {
     #[inline(always)]
     #[must_use]
     pub const fn of_any(k: usize) -> Self {
-        match Self::of(k) {
+        match Self::from_count(k) {
             Some((bands, _)) => bands,
             None => Self::All,
         }
@@ -253,11 +253,11 @@ mod tests {
     fn the_number_of_coefficients_tells_the_bands() {
         for (bands, degrees) in [(Bands::All, &[0, 1, 2, 3][..]), (Bands::Even, &[2, 4])] {
             for &degree in degrees {
-                assert_eq!(Bands::of(bands.count(degree)), Some((bands, degree)));
+                assert_eq!(Bands::from_count(bands.count(degree)), Some((bands, degree)));
             }
         }
         assert_eq!([0, 1, 2, 3, 4].map(|degree| Bands::Even.count(degree)), [1, 1, 6, 6, 15]);
-        assert_eq!([0, 2, 5, 8, 25].map(Bands::of), [None; 5]);
+        assert_eq!([0, 2, 5, 8, 25].map(Bands::from_count), [None; 5]);
     }
 
     #[test]

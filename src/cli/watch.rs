@@ -31,7 +31,7 @@ impl WatchArgs {
 
     /// Rejects showing the training of a method without persistent Gaussians.
     pub(super) fn check(&self, config: &Config) -> Result<(), CliError> {
-        if !self.view || method::of(config)?.has_persistent_gaussians() {
+        if !self.view || method::named_in(config)?.has_persistent_gaussians() {
             return Ok(());
         }
         Err(CliError::input(format!(

@@ -165,7 +165,7 @@ impl<'r> RunFields<'r> {
                     fields.density.iter().map(|v| (f64::from(*v) / scale) as f32).collect()
                 }
                 FieldKind::Velocity => {
-                    let all = velocities(|t| to_vec(scene.at(t).means), time as f32);
+                    let all = velocities(|t| to_vec(scene.deformed(t).means), time as f32);
                     let scale = self.signs().map(|sign| sign * self.length_scale() / self.calibration.duration());
                     let of = |i: usize| self.selection.members().map_or(i, |members| members[i] as usize);
                     interleaved(components, |c| fields.average(|i| (f64::from(all[3 * of(i) + c]) * scale[c]) as f32))

@@ -228,7 +228,7 @@ impl Look {
             Kind::Colour => Prepared::of(&shown.cut(edited(shown, still, scene, time)?), degree, device),
             Kind::Depth { .. } => Prepared(Shown::Depth(shown.cut(edited(shown, still, scene, time)?))),
             Kind::Velocity { component, scale, palette } => {
-                let all = velocities(|t| to_vec(scene.at(t).means), time);
+                let all = velocities(|t| to_vec(scene.deformed(t).means), time);
                 let values = component.of(&all);
                 let at = edited(shown, still, scene, time)?;
                 let alone =

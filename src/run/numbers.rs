@@ -83,7 +83,7 @@ impl Quantity {
                 depth.iter().map(|d| if *d > 0.0 { scaled(*d, length) } else { f32::NAN }).collect()
             }
             Self::Velocity(component) => {
-                let all = velocities(|t| to_vec(run.scene.at(t).means), time as f32);
+                let all = velocities(|t| to_vec(run.scene.deformed(t).means), time as f32);
                 let alone = |all: Vec<f32>| match shown.members() {
                     Some(members) => members.iter().flat_map(|&i| &all[3 * i as usize..][..3]).copied().collect(),
                     None => all,

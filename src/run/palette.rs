@@ -4,7 +4,7 @@ use super::look::Show;
 use crate::segment::paint::{depth_colours, diverging, signed, sizes};
 use crate::segment::pictures::Picture;
 use crate::track::velocity::Component;
-use crate::volume::transfer::colormap::{at, named};
+use crate::volume::transfer::colormap::{colour_at, named};
 use std::str::FromStr;
 
 /// Number of colours of a scale in a legend.
@@ -117,7 +117,7 @@ impl Palette {
             let way = k as f32 / (STEPS - 1) as f32;
             match self {
                 Self::RedGreen => self.colours(&[2.0 * way - 1.0], 1.0)[0],
-                _ => at(&map, (if far { 1.0 - way } else { way }).into()),
+                _ => colour_at(&map, (if far { 1.0 - way } else { way }).into()),
             }
         };
         (0..STEPS).map(|k| colour(k).map(|v| (255.0 * v).round() as u8)).collect()

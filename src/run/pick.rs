@@ -110,7 +110,7 @@ impl Clicking {
         let at = run.scene.host_at(time as f32);
         // the field is evaluated at the positions of the time it was trained at
         let places = match field {
-            Some((_, spec)) if spec.time != time => to_vec(run.scene.at(spec.time as f32).means),
+            Some((_, spec)) if spec.time != time => to_vec(run.scene.deformed(spec.time as f32).means),
             _ => at.means.clone(),
         };
         let (rendering, device) = (run.scene.spec.rendering(), run.device());

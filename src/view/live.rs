@@ -62,7 +62,7 @@ impl SceneCopy {
     /// # Errors
     /// If it does not fit its own spec.
     pub fn open(self, device: &Device) -> Result<(Scene, usize), FitError> {
-        Ok((Scene::of(self.spec, &self.tensors, device)?, self.step))
+        Ok((Scene::from_tensors(self.spec, &self.tensors, device)?, self.step))
     }
 }
 

@@ -80,7 +80,7 @@ impl Budget {
 
     /// A budget of `bytes` bytes.
     #[must_use]
-    pub fn of(bytes: u64) -> Self {
+    pub fn from_bytes(bytes: u64) -> Self {
         Self(bytes)
     }
 
@@ -240,7 +240,7 @@ mod tests {
 
     #[test]
     fn a_request_beyond_the_budget_is_refused_by_name() {
-        let budget = Budget::of(1_000_000_000);
+        let budget = Budget::from_bytes(1_000_000_000);
         assert_eq!(budget.check("--size 10", 400), Ok(()));
         let side = usize::MAX;
         let error = budget.check("--size 10", product(&[side, side, side])).unwrap_err().to_string();

@@ -19,7 +19,7 @@ pub(super) const NAME: &str = "d3dgs";
 
 impl Method for D3dgs {
     fn section(&self) -> Option<Section> {
-        Some(Section::of::<D3dgsConfig>())
+        Some(Section::new::<D3dgsConfig>())
     }
 
     fn presets(&self) -> &'static [(&'static str, &'static str)] {

@@ -49,7 +49,7 @@ fn every_layer_is_trained_in_the_joint_stage_alone_and_time_matters_then() {
     for name in start.keys().filter(of_network) {
         assert_eq!(start[name], warm[name], "{name} was trained in warm-up");
     }
-    let means = |training: &dyn Training, time: f32| to_vec(training.model().scene().unwrap().at(time).means);
+    let means = |training: &dyn Training, time: f32| to_vec(training.model().scene().unwrap().deformed(time).means);
     assert_eq!(means(&*training, 0.0), means(&*training, 1.0));
     let more = stepped(&mut *training, &data, 40);
     let end = parameters(&*training);
@@ -91,7 +91,7 @@ fn one_image_is_learnt_by_heart_and_the_file_draws_it() {
     assert!(psnr > 30.0, "{psnr} dB");
     let path = root.path().join("scene.safetensors");
     training.model().save(&path).unwrap();
-    let read = crate::of(&config).unwrap().open(&path, &device()).unwrap();
+    let read = crate::named_in(&config).unwrap().open(&path, &device()).unwrap();
     let camera = data.train.frames[0].camera.to_kernel();
     assert_eq!(read.render(camera, 0.3), training.model().render(camera, 0.3));
     let scene: Scene = read.into_scene().unwrap();
@@ -102,7 +102,7 @@ fn one_image_is_learnt_by_heart_and_the_file_draws_it() {
     damaged.save(&path).unwrap();
     let error = Scene::load(&path, &device()).unwrap_err().to_string();
     assert!(error.contains("D3DGS has no model.embedding"), "{error}");
-    let some = scene.some(&[3, 50]).at(0.3);
+    let some = scene.subset(&[3, 50]).deformed(0.3);
     assert_eq!(some.means, scene.host_at(0.3).subset(&[3, 50]).means);
 }
 

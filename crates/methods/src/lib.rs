@@ -186,7 +186,7 @@ pub fn add_sections() {
 ///
 /// # Errors
 /// If there is no method of that name.
-pub fn of(config: &Config) -> Result<&'static dyn Method, TrainError> {
+pub fn named_in(config: &Config) -> Result<&'static dyn Method, TrainError> {
     find(&config.method).map_err(|e| TrainError::Config(format!("method: {e}")))
 }
 
@@ -195,7 +195,7 @@ pub fn of(config: &Config) -> Result<&'static dyn Method, TrainError> {
 /// # Errors
 /// The first invalid or ignored value, with its key.
 pub fn check(config: &Config) -> Result<(), TrainError> {
-    let method = of(config)?;
+    let method = named_in(config)?;
     check_config(config)?;
     config.segment.check().map_err(|e| TrainError::Config(e.to_string()))?;
     check_sections(config).map_err(TrainError::Config)?;
@@ -230,7 +230,7 @@ fn check_sections(config: &Config) -> Result<(), String> {
 pub fn start(config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
     add_sections();
     check(config)?;
-    of(config)?.start(config, dataset, device)
+    named_in(config)?.start(config, dataset, device)
 }
 
 /// Trains into a folder on `device` with the method that the configuration names: [`start`], then

@@ -35,7 +35,7 @@ impl ViewSphere {
     /// The sphere of a split's cameras: centred on the point nearest to what they look at, with the vertical axis most
     /// nearly perpendicular to the horizontal axes of all of them (the one that stays upright in their images).
     #[must_use]
-    pub fn of(split: &Split) -> Self {
+    pub fn around(split: &Split) -> Self {
         let poses = || split.frames.iter().map(|f| DMat3::from_mat4(f.camera.camera_to_world));
         let sideways: DVec3 = poses().map(|pose| pose.x_axis * pose.x_axis).sum();
         let upwards: DVec3 = poses().map(|pose| pose.y_axis).sum();
@@ -46,7 +46,7 @@ impl ViewSphere {
         Self { centre: shown.centre(), half_size, up, flipped: upwards[up] < 0.0 }
     }
 
-    /// Rejects what [`ViewSphere::of`] never returns, since a file may hold anything.
+    /// Rejects what [`ViewSphere::around`] never returns, since a file may hold anything.
     ///
     /// # Errors
     /// A description of what is wrong.
@@ -96,7 +96,7 @@ mod tests {
         for (up, axis, flipped) in
             [(DVec3::Z, 2, false), (-DVec3::Z, 2, true), (DVec3::X, 0, false), (-DVec3::Y, 1, true)]
         {
-            let sphere = ViewSphere::of(&split(up, centre));
+            let sphere = ViewSphere::around(&split(up, centre));
             assert_eq!((sphere.up, sphere.flipped), (axis, flipped), "{up}");
             assert!(sphere.centre.distance(centre) < 1e-6 && sphere.check().is_ok(), "{sphere:?}");
             assert!(ViewSphere { up: 3, ..sphere }.check().is_err());
@@ -108,7 +108,7 @@ mod tests {
         for (up, x, y) in
             [(DVec3::Z, DVec3::X, DVec3::Y), (-DVec3::Z, DVec3::X, -DVec3::Y), (DVec3::X, DVec3::Y, DVec3::Z)]
         {
-            let sphere = ViewSphere::of(&split(up, DVec3::ONE));
+            let sphere = ViewSphere::around(&split(up, DVec3::ONE));
             for (polar, azimuth) in [(0.3f64, 0.1f64), (1.5, 3.0), (2.8, 4.0), (1.0, 6.25)] {
                 let out = polar.sin() * (azimuth.cos() * x + azimuth.sin() * y) + polar.cos() * up;
                 let camera = data::Camera::look_at(DVec3::ONE + 3.0 * out, DVec3::ONE, up, 0.5, 8, 8);

@@ -276,7 +276,7 @@ fn check_common(
     let [n_sh, k, channels] = sh.dims();
     assert_eq!((n_sh, channels), (n, 3), "splat: sh are [N, K, 3] with N = {n}");
     let degree = settings.sh_degree;
-    match Bands::of(k) {
+    match Bands::from_count(k) {
         Some((_, most)) => assert!(degree <= most, "splat: degree {degree} is in use, {k} coefficients allow {most}"),
         None => panic!("splat: sh has {k} coefficients, expected 1, 4, 9 or 16 of all bands, or 6 or 15 of even ones"),
     }

@@ -129,7 +129,7 @@ pub const COEFFICIENTS: [usize; 6] = [1, 4, 9, 16, 6, 15];
 
 /// Returns the highest degree of that many coefficients.
 pub fn highest_degree(coefficients: usize) -> usize {
-    Bands::of(coefficients).map(|(_, degree)| degree).unwrap()
+    Bands::from_count(coefficients).map(|(_, degree)| degree).unwrap()
 }
 
 /// Returns `n` random Gaussians in a ball of radius about 1, with colours of `degree`.

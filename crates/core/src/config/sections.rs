@@ -31,7 +31,7 @@ pub struct Section {
 impl Section {
     /// The section of these settings.
     #[must_use]
-    pub const fn of<S: Settings>() -> Self {
+    pub const fn new<S: Settings>() -> Self {
         let schema = |generator: &mut SchemaGenerator| generator.subschema_for::<S>();
         let complete = |value: Value| serde_json::to_value(serde_json::from_value::<S>(value)?);
         Self { name: S::SECTION, schema, complete, may_change: S::MAY_CHANGE }
@@ -148,7 +148,7 @@ mod tests {
     fn an_added_section_has_its_defaults_and_its_errors() {
         let unknown = resolve("test-waves.count=2").unwrap_err().to_string();
         assert!(unknown.contains("test-waves"), "{unknown}");
-        Section::of::<Waves>().add();
+        Section::new::<Waves>().add();
         let config = resolve("test-waves.count=2").unwrap();
         assert_eq!(config.sections.get::<Waves>(), Ok(Some(Waves { count: 2, height: 0.5 })));
         let read: Config = toml::from_str(&toml::to_string(&config).unwrap()).unwrap();

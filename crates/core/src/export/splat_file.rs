@@ -73,7 +73,7 @@ pub(super) fn write(path: &Path, body: impl FnOnce(&mut AtomicFile) -> io::Resul
 
 /// Checks that the fields of the Gaussians are consistent.
 fn check(gaussians: &HostGaussians) -> Result<(), SplatFileError> {
-    if Bands::of(gaussians.sh_stride).is_none() {
+    if Bands::from_count(gaussians.sh_stride).is_none() {
         let stride = gaussians.sh_stride;
         return Err(SplatFileError::Shape(format!("sh_stride {stride} is not 1, 4, 9 or 16, nor 6 or 15")));
     }

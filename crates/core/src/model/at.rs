@@ -19,7 +19,7 @@ pub struct SomeGaussians<'a> {
 impl SomeGaussians<'_> {
     /// These Gaussians at `time` in [0, 1].
     #[must_use]
-    pub fn at(&self, time: f32) -> HostGaussians {
+    pub fn deformed(&self, time: f32) -> HostGaussians {
         HostGaussians::from_splat(self.inputs(time))
     }
 
@@ -56,8 +56,8 @@ impl Scene {
         let opacity = self.opacity_at_other_times(asked, min_opacity);
         let all: Vec<u32> = (0..asked.len() as u32).collect();
         let means = if self.spec.deformed && !all.is_empty() {
-            let all = self.some(&all);
-            PLACES.iter().map(|time| all.at(*time).means).collect()
+            let all = self.subset(&all);
+            PLACES.iter().map(|time| all.deformed(*time).means).collect()
         } else {
             Vec::new()
         };
@@ -75,7 +75,7 @@ impl Scene {
     /// # Panics
     /// If an index is not below N.
     #[must_use]
-    pub fn some(&self, which: &[u32]) -> SomeGaussians<'_> {
+    pub fn subset(&self, which: &[u32]) -> SomeGaussians<'_> {
         self.rows(&self.without_colour(), which)
     }
 
@@ -128,7 +128,7 @@ impl Scene {
     /// The Gaussians at `time` in [0, 1], on the host.
     #[must_use]
     pub fn host_at(&self, time: f32) -> HostGaussians {
-        HostGaussians::from_splat(self.at(time))
+        HostGaussians::from_splat(self.deformed(time))
     }
 }
 
@@ -193,7 +193,7 @@ mod tests {
             let means: Vec<Vec<f32>> = PLACES.iter().map(|t| scene.host_at(*t).means).collect();
             assert_eq!((other.opacity, other.means), (found, if deformed { means } else { Vec::new() }));
             let (which, all) = ([3, 50, 149], scene.host_at(0.3));
-            let some = scene.some(&which).at(0.3);
+            let some = scene.subset(&which).deformed(0.3);
             assert_eq!(
                 (&some.means, &some.opacity_logits),
                 (&all.subset(&which).means, &all.subset(&which).opacity_logits)

@@ -73,6 +73,6 @@ impl Gaussians {
 
     /// Highest spherical-harmonics degree of the coefficients.
     pub fn sh_degree(&self) -> usize {
-        Bands::of(self.sh.dims()[1]).map_or(0, |(_, degree)| degree)
+        Bands::from_count(self.sh.dims()[1]).map_or(0, |(_, degree)| degree)
     }
 }

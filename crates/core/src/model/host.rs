@@ -154,7 +154,7 @@ impl HostGaussians {
     /// Highest spherical-harmonics degree of K coefficients, 0 to 3, or 4 with even bands alone.
     #[must_use]
     pub fn sh_degree(&self) -> usize {
-        Bands::of(self.sh_stride).map_or(0, |(_, degree)| degree)
+        Bands::from_count(self.sh_stride).map_or(0, |(_, degree)| degree)
     }
 
     /// The first attribute that does not hold N rows of its width, as `(column, expected number of values)`.

@@ -110,13 +110,17 @@ impl Scene {
     ///
     /// # Panics
     /// As for [`DeformationField::new`].
-    pub fn of(spec: SceneSpec, tensors: &BTreeMap<String, HostTensor>, device: &Device) -> Result<Self, FitError> {
+    pub fn from_tensors(
+        spec: SceneSpec,
+        tensors: &BTreeMap<String, HostTensor>,
+        device: &Device,
+    ) -> Result<Self, FitError> {
         let one = HostGaussians::one(&spec.model);
         params::load(Self::new(one, spec, 0, device), tensors)
     }
 
     /// The Gaussians at `time` in [0, 1].
-    pub fn at(&self, time: f32) -> SplatInputs {
+    pub fn deformed(&self, time: f32) -> SplatInputs {
         self.at_without(time, None)
     }
 
@@ -138,7 +142,11 @@ impl Scene {
     /// The Gaussians at `time` in [0, 1] as input for splatting, without gradients: an autodiff tape would hold the
     /// hidden layers of every rendered view until the next training step.
     pub fn inputs_at(&self, time: f32) -> SplatInputs {
-        if self.gaussians.means.val().device().is_autodiff() { self.valid().at(time) } else { self.at(time) }
+        if self.gaussians.means.val().device().is_autodiff() {
+            self.valid().deformed(time)
+        } else {
+            self.deformed(time)
+        }
     }
 
     /// Renders `[H, W, 4]` (colour over the scene's background, and alpha) to the host.
@@ -178,7 +186,7 @@ mod tests {
         let plain = scene();
         let training = Scene::new(plain.gaussians.to_host(), plain.spec.clone(), 0, &device.autodiff());
         let camera = training_cameras(1, 4.0, Lens { fov_x: 0.5, width: 6, height: 4 })[0].to_kernel();
-        assert!(training.at(0.3).means.device().is_autodiff());
+        assert!(training.deformed(0.3).means.device().is_autodiff());
         assert!(!training.drawn(camera, 0.3).device().is_autodiff());
         assert_eq!(training.render(camera, 0.3), plain.render(camera, 0.3));
     }

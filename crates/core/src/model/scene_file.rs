@@ -98,7 +98,8 @@ impl Scene {
         check_spec(&spec, &tensors).map_err(|e| format(format!("header: {e}")))?;
         refuse_empty(&tensors).map_err(&format)?;
         let one = HostGaussians::one(&spec.model);
-        let scene = Self::of(spec, &tensors, device).map_err(|source| SceneError::Fit { path: path.into(), source })?;
+        let scene = Self::from_tensors(spec, &tensors, device)
+            .map_err(|source| SceneError::Fit { path: path.into(), source })?;
         let n = scene.gaussians.count();
         let rows = |name: &str| tensors.get(&format!("gaussians.{name}")).and_then(|t| t.shape.first().copied());
         if one.columns().any(|column| rows(column.name) != Some(n)) {
@@ -273,7 +274,7 @@ mod tests {
         scene.save(&path).unwrap();
         let read = Scene::load(&path, &device).unwrap();
         assert_eq!((params::collect(&read), &read.spec), (params::collect(&scene), &scene.spec));
-        let means = |scene: &Scene| params::to_vec(scene.at(0.3).means);
+        let means = |scene: &Scene| params::to_vec(scene.deformed(0.3).means);
         assert_eq!(means(&read), means(&scene));
     }
 

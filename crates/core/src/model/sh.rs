@@ -13,7 +13,7 @@ pub const C1: f32 = 0.488_602_5;
 
 /// Returns the degrees of the bands of K coefficients beyond the constant one, in the order of the coefficients.
 pub fn degrees(k: usize) -> impl Iterator<Item = usize> {
-    let (bands, most) = Bands::of(k).unwrap_or((Bands::All, 0));
+    let (bands, most) = Bands::from_count(k).unwrap_or((Bands::All, 0));
     let step = match bands {
         Bands::All => 1,
         Bands::Even => 2,

@@ -92,7 +92,7 @@ fn gaussians_at_one_place_move_apart_by_their_embeddings() {
         let embedding = Some(HostEmbedding { width: 5, values });
         let scene = Scene::new(HostGaussians { embedding, ..two.clone() }, spec.clone(), 1, &device());
         let all = scene.host_at(0.7);
-        assert_eq!((all.embedding.as_ref(), scene.some(&[1]).at(0.7).means), (None, all.subset(&[1]).means));
+        assert_eq!((all.embedding.as_ref(), scene.subset(&[1]).deformed(0.7).means), (None, all.subset(&[1]).means));
         all.means
     };
     let same = at(vec![0.5; 10]);

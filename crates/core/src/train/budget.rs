@@ -139,14 +139,14 @@ mod tests {
     }
 
     fn refusal(config: &Config, on_gpu: bool) -> String {
-        check_memory(config, scene_sizes, VIEWS, on_gpu, Budget::of(8_000_000_000)).unwrap_err().to_string()
+        check_memory(config, scene_sizes, VIEWS, on_gpu, Budget::from_bytes(8_000_000_000)).unwrap_err().to_string()
     }
 
     #[test]
     fn the_default_fits_where_it_runs() {
         let bytes = needed_by(&preset("best").unwrap(), false);
         assert!((300_000_000..2_000_000_000).contains(&bytes), "{bytes}");
-        check_memory(&preset("best").unwrap(), scene_sizes, VIEWS, false, Budget::of(2_000_000_000)).unwrap();
+        check_memory(&preset("best").unwrap(), scene_sizes, VIEWS, false, Budget::from_bytes(2_000_000_000)).unwrap();
         assert!(needed_by(&preset("best").unwrap(), true) < bytes / 3);
     }
 
@@ -201,7 +201,7 @@ mod tests {
         config.speed.coarse_steps = 1;
         config.model.sh_degree = usize::MAX;
         let views = ViewSizes { count: usize::MAX, pixels: usize::MAX };
-        assert!(check_memory(&config, scene_sizes, views, false, Budget::of(u64::MAX)).is_err());
+        assert!(check_memory(&config, scene_sizes, views, false, Budget::from_bytes(u64::MAX)).is_err());
     }
 
     #[test]

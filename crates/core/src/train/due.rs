@@ -307,7 +307,7 @@ mod tests {
 
     #[test]
     fn resets_may_go_on_in_the_joint_stage_counted_over_the_run() {
-        Section::of::<D3dgsConfig>().add();
+        Section::new::<D3dgsConfig>().add();
         let d3dgs = Layers::new(PRESETS).source("../../configs/methods/d3dgs.toml");
         let config = d3dgs.resolve::<Config>().unwrap().value;
         let steps = config.stages.warmup_steps + config.stages.joint_steps;

@@ -109,7 +109,7 @@ mod tests {
     fn logs_and_length_may_change_and_other_changes_are_named() {
         let base = text(|_| ());
         assert_eq!(changes(&base, &base, 5).unwrap(), (Vec::new(), Vec::new()));
-        Section::of::<Moved>().add();
+        Section::new::<Moved>().add();
         let (moved, refused) = changes("[test-moved]\nfile = 'a'", "[test-moved]\nfile = 'b'", 5).unwrap();
         assert_eq!((moved[0].key.as_str(), refused.len()), ("test-moved.file", 0), "the file may have moved");
         let more = text(|c| {

@@ -40,7 +40,7 @@ fn encoder_gradients(config: &Config) -> [Vec<f32>; 3] {
     trainer.scene.spec.deformed = true;
     let scene = trainer.scene();
     let frame = &data.train.frames[0];
-    let view = scene.draw(scene.at(frame.time as f32), frame.camera.to_kernel(), [1.0; 3], None);
+    let view = scene.draw(scene.deformed(frame.time as f32), frame.camera.to_kernel(), [1.0; 3], None);
     let target = Tensor::zeros(view.image.dims(), &view.image.device());
     let gradients = losses::photometric(view.image, target, &config.loss).loss.backward();
     let Encoder::Factorised(encoder) = &scene.field.encoder else { unreachable!("the default") };
@@ -126,7 +126,7 @@ fn a_static_scene_is_trained_without_a_joint_stage() {
     assert!((rate(120) / rate(0) - 0.1).abs() < 1e-12 && rate(239) / rate(0) < 0.011);
     let scene = trainer.scene();
     assert!(!scene.spec.deformed && scene.spec.sh_degree == 3);
-    let means = |time: f32| to_vec(scene.at(time).means);
+    let means = |time: f32| to_vec(scene.deformed(time).means);
     assert_eq!(means(0.0), means(1.0));
 }
 

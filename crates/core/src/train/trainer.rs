@@ -280,7 +280,7 @@ impl Trainer {
         let distance = photometric(image.clone(), target.clone(), &config.loss);
         let loss = if weight == 1.0 { distance.loss } else { distance.loss.mul_scalar(weight as f32) };
         let (scene, time) = (&*self.scene, view.time as f32);
-        let seen = LossInput { image, target, scene, at: gaussians, camera, config, stage, step, time };
+        let seen = LossInput { image, target, scene, gaussians, camera, config, stage, step, time };
         let loss = self.terms.add_to(loss, &seen);
         self.watch.check(step, &loss, || distance.squared)?;
         Ok(loss)

@@ -39,7 +39,7 @@ impl Network for CoordNet {
     type Spec = CoordNetSpec;
 
     fn section(&self) -> Option<Section> {
-        Some(Section::of::<CoordNetConfig>())
+        Some(Section::new::<CoordNetConfig>())
     }
 
     fn presets(&self) -> &'static [(&'static str, &'static str)] {
@@ -74,7 +74,7 @@ impl Network for CoordNet {
     }
 
     fn spec(&self, config: &Config, dataset: &Dataset) -> CoordNetSpec {
-        CoordNetSpec { config: config.section().unwrap_or_default(), sphere: ViewSphere::of(&dataset.train) }
+        CoordNetSpec { config: config.section().unwrap_or_default(), sphere: ViewSphere::around(&dataset.train) }
     }
 
     fn parameters(&self, spec: &CoordNetSpec) -> Result<u128, String> {

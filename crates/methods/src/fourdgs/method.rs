@@ -22,7 +22,7 @@ pub const NAME: &str = "4dgs";
 
 impl Method for FourDgs {
     fn section(&self) -> Option<Section> {
-        Some(Section::of::<FourDgsConfig>())
+        Some(Section::new::<FourDgsConfig>())
     }
 
     fn presets(&self) -> &'static [(&'static str, &'static str)] {

@@ -118,7 +118,7 @@ fn one_image_is_learnt_by_heart_and_the_file_draws_it() {
     assert!(psnr > 30.0, "{psnr} dB");
     let path = root.path().join("scene.safetensors");
     training.model().save(&path).unwrap();
-    let read = crate::of(&config).unwrap().open(&path, &device()).unwrap();
+    let read = crate::named_in(&config).unwrap().open(&path, &device()).unwrap();
     let camera = data.train.frames[0].camera.to_kernel();
     assert_eq!(read.render(camera, 0.3), training.model().render(camera, 0.3));
     assert_eq!((read.counts(), read.background()), (training.model().counts(), training.model().background()));

@@ -19,7 +19,7 @@ pub struct InSituNetMethod;
 
 impl Method for InSituNetMethod {
     fn section(&self) -> Option<Section> {
-        Some(Section::of::<InSituNetConfig>())
+        Some(Section::new::<InSituNetConfig>())
     }
 
     fn presets(&self) -> &'static [(&'static str, &'static str)] {

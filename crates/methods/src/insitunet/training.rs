@@ -61,7 +61,7 @@ impl InSituNetTraining {
         check_memory(settings, Budget::now())?;
         let split = &dataset.train;
         let background = evaluation_background(&config.data.background)?;
-        let spec = InSituNetSpec { config: settings.clone(), sphere: ViewSphere::of(split), background };
+        let spec = InSituNetSpec { config: settings.clone(), sphere: ViewSphere::around(split), background };
         let [perceptual, _] = settings.comparison();
         let vgg = (perceptual > 0.0).then(|| vgg(Path::new(&settings.vgg), device)).transpose()?;
         if perceptual != settings.perceptual {

@@ -27,7 +27,7 @@ fn sizes(settings: &VisNerfConfig) -> [f64; 2] {
 
 impl Method for VisNerfMethod {
     fn section(&self) -> Option<Section> {
-        Some(Section::of::<VisNerfConfig>())
+        Some(Section::new::<VisNerfConfig>())
     }
 
     fn presets(&self) -> &'static [(&'static str, &'static str)] {

@@ -12,7 +12,7 @@ pub const HIDDEN_LOGIT: f32 = -100.0;
 /// # Errors
 /// [`EditError::Shape`] or [`EditError::ShStride`]. Values are not checked: non-finite ones stay so.
 pub(super) fn check(gaussians: &HostGaussians) -> Result<(), EditError> {
-    if Bands::of(gaussians.sh_stride).is_none() {
+    if Bands::from_count(gaussians.sh_stride).is_none() {
         return Err(EditError::ShStride { found: gaussians.sh_stride });
     }
     match gaussians.mismatched_column() {

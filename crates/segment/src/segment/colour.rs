@@ -103,7 +103,7 @@ fn clamp(value: f32) -> f32 {
 /// # Errors
 /// If no degree has K coefficients, or `sh` is not a whole number of blocks.
 pub(super) fn check(sh: &[f32], coefficients: usize) -> Result<usize, PointsError> {
-    if Bands::of(coefficients).is_none() {
+    if Bands::from_count(coefficients).is_none() {
         let value = coefficients.to_string();
         return Err(PointsError::Setting { field: "coefficients", value, want: "1, 4, 9 or 16, or 6 or 15" });
     }

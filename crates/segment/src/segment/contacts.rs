@@ -39,7 +39,7 @@ impl Neighbourhood {
     }
 
     /// Returns the position of row `n`, scene units.
-    pub fn place(&self, n: usize) -> DVec3 {
+    pub fn position(&self, n: usize) -> DVec3 {
         Vec3::from_array(point(&self.means, n)).as_dvec3()
     }
 

@@ -5,7 +5,7 @@ use super::pictures::Picture;
 use super::segmentation::Segmentation;
 use crate::model::HostGaussians;
 use crate::model::sh::C0;
-use crate::volume::transfer::colormap::{at, named};
+use crate::volume::transfer::colormap::{colour_at, named};
 use volseggs_kernels::activation::{logit_f64, sigmoid_f64};
 
 /// Minimum alpha of pixels whose depth is shown.
@@ -64,13 +64,13 @@ pub fn signed(values: &[f32], scale: f32) -> impl Iterator<Item = [f32; 3]> {
 /// Signed `values` `[N]` as colours of a diverging map (see [`named`]), which ends at `-scale` and at `scale`.
 pub fn diverging(values: &[f32], scale: f32, map: &str) -> impl Iterator<Item = [f32; 3]> {
     let map = named(map).unwrap_or_default();
-    values.iter().map(move |v| at(&map, 0.5 + 0.5 * f64::from(share(v / scale).copysign(*v))))
+    values.iter().map(move |v| colour_at(&map, 0.5 + 0.5 * f64::from(share(v / scale).copysign(*v))))
 }
 
 /// The magnitudes of `values` `[N]` as colours of a map (see [`named`]), which ends at `scale`.
 pub fn sizes(values: &[f32], scale: f32, map: &str) -> impl Iterator<Item = [f32; 3]> {
     let map = named(map).unwrap_or_default();
-    values.iter().map(move |v| at(&map, share(v / scale).into()))
+    values.iter().map(move |v| colour_at(&map, share(v / scale).into()))
 }
 
 /// The magnitude, at most 1; NaN counts as 0.
@@ -97,7 +97,7 @@ pub fn depth_colours(picture: &Picture, [near, far]: [f32; 2], background: [f32;
     pixels
         .flat_map(|(depth, pixel)| {
             let way = (far - depth) / (far - near).max(f32::MIN_POSITIVE);
-            let [r, g, b] = if pixel[3] >= MIN_ALPHA { at(&map, way.into()) } else { background };
+            let [r, g, b] = if pixel[3] >= MIN_ALPHA { colour_at(&map, way.into()) } else { background };
             [r, g, b, pixel[3]]
         })
         .collect()

@@ -39,8 +39,8 @@ pub fn propagate(
     }
     let was: Vec<bool> = within.iter().map(|i| selected.binary_search(i).is_ok()).collect();
     let is = propagated(&was, time, config, |rows| {
-        let some = scene.some(&rows.iter().map(|&n| within[n as usize]).collect::<Vec<u32>>());
-        move |time: f64| some.at(time as f32)
+        let some = scene.subset(&rows.iter().map(|&n| within[n as usize]).collect::<Vec<u32>>());
+        move |time: f64| some.deformed(time as f32)
     })?;
     Ok(within.iter().zip(is).filter(|(_, is)| *is).map(|(i, _)| *i).collect())
 }

@@ -129,8 +129,8 @@ impl Regions {
             near.iter().for_each(|&k| around[usize::from(!same(*n, k))] += opacity[k]);
             // from it to the middle of others
             let towards = |rows: &mut dyn Iterator<Item = usize>| {
-                let (sum, count) = rows.fold((DVec3::ZERO, 0), |(sum, c), k| (sum + contacts.all.place(k), c + 1));
-                if count > 0 { sum / f64::from(count) - contacts.all.place(*n) } else { DVec3::ZERO }
+                let (sum, count) = rows.fold((DVec3::ZERO, 0), |(sum, c), k| (sum + contacts.all.position(k), c + 1));
+                if count > 0 { sum / f64::from(count) - contacts.all.position(*n) } else { DVec3::ZERO }
             };
             let step = towards(&mut near.iter().copied().filter(|&k| same(*n, k)));
             let touched = towards(&mut contacts.of(*n).iter().copied().filter(|&k| labels[k] == touched[*n]));

@@ -47,21 +47,6 @@ impl SplitName {
     pub fn json_path(self, root: &Path) -> PathBuf {
         layout_of(root).file(root, self)
     }
-
-    /// Reads and checks the views of the split under `root`.
-    ///
-    /// # Errors
-    /// The first problem, with file, frame and field.
-    pub fn views(self, root: &Path) -> Result<Transforms, DataError> {
-        Ok(self.views_and_contents(root)?.0)
-    }
-
-    /// The same, and the bytes that identify them.
-    fn views_and_contents(self, root: &Path) -> Result<(Transforms, Vec<u8>), DataError> {
-        let mut scan = layout_of(root).scan(root, self)?;
-        let contents = std::mem::take(&mut scan.contents);
-        Ok((Transforms::from_scan(&self.json_path(root), scan)?, contents))
-    }
 }
 
 impl std::fmt::Display for SplitName {

@@ -4,7 +4,7 @@ use super::LAYOUTS;
 use super::dataset::SplitName;
 use super::error::DataError;
 use super::scan::Scan;
-use super::transforms::TransformsLayout;
+use super::transforms::{Transforms, TransformsLayout};
 use std::path::{Path, PathBuf};
 
 /// A layout of dataset folders.
@@ -47,6 +47,23 @@ pub fn layout_of(root: &Path) -> &'static dyn DatasetLayout {
     let all = LAYOUTS.all();
     let found = all.iter().find(|(_, layout)| layout.recognises(root)).or(all.first());
     found.map_or(&TransformsLayout, |(_, layout)| *layout)
+}
+
+impl SplitName {
+    /// Reads and checks the views of the split under `root`.
+    ///
+    /// # Errors
+    /// The first problem, with file, frame and field.
+    pub fn views(self, root: &Path) -> Result<Transforms, DataError> {
+        Ok(self.views_and_contents(root)?.0)
+    }
+
+    /// The same, and the bytes that identify them.
+    pub(super) fn views_and_contents(self, root: &Path) -> Result<(Transforms, Vec<u8>), DataError> {
+        let mut scan = layout_of(root).scan(root, self)?;
+        let contents = std::mem::take(&mut scan.contents);
+        Ok((Transforms::from_scan(&self.json_path(root), scan)?, contents))
+    }
 }
 
 /// Returns what a dataset folder may hold, in words: the files of each layout.

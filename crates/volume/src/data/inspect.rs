@@ -155,7 +155,7 @@ fn inspect_split(report: &mut Report, root: &Path, name: SplitName, scan: &Scan)
     images(report, &mut facts, root, &path, &records);
     times(report, &mut facts, &records);
     cameras(report, &mut facts, &path, scan, &records);
-    let normalisation = Normalisation::of(records.iter().map(|(_, record)| record.camera_to_world));
+    let normalisation = Normalisation::from_poses(records.iter().map(|(_, record)| record.camera_to_world));
     if name == SplitName::Train && !normalisation.is_none() {
         let Normalisation { centre, scale } = normalisation;
         let DVec3 { x, y, z } = centre;

@@ -62,7 +62,7 @@ impl Normalisation {
 
     /// The normalisation of a dataset with these camera-to-world poses, see the module.
     #[must_use]
-    pub fn of(poses: impl ExactSizeIterator<Item = DMat4> + Clone) -> Self {
+    pub fn from_poses(poses: impl ExactSizeIterator<Item = DMat4> + Clone) -> Self {
         let n = poses.len().max(1) as f64;
         let positions = poses.clone().map(|pose| pose.w_axis.truncate());
         let mean = positions.clone().sum::<DVec3>() / n;
@@ -148,7 +148,7 @@ mod tests {
     }
 
     fn of(poses: &[DMat4]) -> Normalisation {
-        Normalisation::of(poses.iter().copied())
+        Normalisation::from_poses(poses.iter().copied())
     }
 
     fn distance_after(poses: &[DMat4]) -> f64 {

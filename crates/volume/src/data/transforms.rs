@@ -204,10 +204,10 @@ impl Transforms {
         }
     }
 
-    /// The normalisation of a dataset with these training views, see [`Normalisation::of`].
+    /// The normalisation of a dataset with these training views, see [`Normalisation::from_poses`].
     #[must_use]
     pub fn normalisation(&self) -> Normalisation {
-        Normalisation::of(self.frames.iter().map(|f| f.camera_to_world))
+        Normalisation::from_poses(self.frames.iter().map(|f| f.camera_to_world))
     }
 
     /// The same frames with poses in the scene.

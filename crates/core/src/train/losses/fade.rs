@@ -12,7 +12,7 @@ pub(super) struct Fade;
 
 impl LossTerm for Fade {
     fn loss(&self, seen: &LossInput<'_>) -> Tensor<1> {
-        fading(seen.at.opacity_logits.clone(), seen.scene.gaussians.opacity_logits.val())
+        fading(seen.gaussians.opacity_logits.clone(), seen.scene.gaussians.opacity_logits.val())
     }
 
     fn weight(&self, config: &Config, stage: Stage) -> Option<f64> {

@@ -39,7 +39,7 @@ pub struct LossInput<'a> {
     pub scene: &'a Scene,
     /// The N Gaussians at this time: means `[N, 3]`, rotations `[N, 4]`, log-scales `[N, 3]`, opacity logits `[N]`,
     /// colour coefficients `[N, K, 3]`.
-    pub at: &'a SplatInputs,
+    pub gaussians: &'a SplatInputs,
     /// The view's camera.
     pub camera: &'a Camera,
     /// The configuration of the run.

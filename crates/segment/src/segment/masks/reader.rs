@@ -270,10 +270,10 @@ mod tests {
         let path = Path::new("masks.jsonl");
         let large = Header { width: 65_535, height: 65_535, ..header() };
         check_header(path, &large).unwrap();
-        let error = check_memory(path, &large, Budget::of(8_000_000_000)).unwrap_err().to_string();
+        let error = check_memory(path, &large, Budget::from_bytes(8_000_000_000)).unwrap_err().to_string();
         let words = ["masks.jsonl", "header, width, height", "65535x65535 pixels", "--memory"];
         assert!(words.iter().all(|w| error.contains(w)), "{error}");
-        check_memory(path, &header(), Budget::of(1000)).unwrap();
+        check_memory(path, &header(), Budget::from_bytes(1000)).unwrap();
     }
 
     proptest! {

@@ -88,7 +88,7 @@ mod tests {
 
     fn seconds_of(names: &[&str]) -> Option<Vec<i64>> {
         let stems: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
-        Names::of(&stems).seconds().map(<[i64]>::to_vec)
+        Names::from_stems(&stems).seconds().map(<[i64]>::to_vec)
     }
 
     #[test]

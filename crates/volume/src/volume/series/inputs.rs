@@ -121,7 +121,7 @@ pub fn check_order(inputs: &[String], files: &[PathBuf], options: &SeriesOptions
         return Ok(Told::default());
     }
     let stems: Vec<String> = files.iter().map(|f| stem(f)).collect();
-    let mut names = Names::of(&stems);
+    let mut names = Names::from_stems(&stems);
     if let Some([a, b]) = names.unclear
         && !(listed && names.first_unsorted().is_none())
     {

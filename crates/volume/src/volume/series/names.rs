@@ -46,7 +46,7 @@ pub struct Names<'a> {
 
 impl<'a> Names<'a> {
     /// Reads names; whether numbers joined by a point are decimal is told from all of them.
-    pub fn of(stems: &'a [String]) -> Self {
+    pub fn from_stems(stems: &'a [String]) -> Self {
         Self::read(stems, None)
     }
 

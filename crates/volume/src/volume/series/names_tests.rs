@@ -8,7 +8,7 @@ fn sorted(names: &[&str]) -> Vec<String> {
 
 fn unsorted(names: &[&str]) -> Option<String> {
     let stems: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
-    let names = Names::of(&stems);
+    let names = Names::from_stems(&stems);
     names.first_unsorted().map(|i| format!("{} {}", names.kind(i), names.written(i)))
 }
 
@@ -41,7 +41,7 @@ fn names_come_in_order_of_their_numbers_however_these_are_written() {
 
 fn unclear(names: &[&str]) -> Option<[String; 2]> {
     let stems: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
-    Names::of(&stems).unclear.map(|pair| pair.map(|i| stems[i].clone()))
+    Names::from_stems(&stems).unclear.map(|pair| pair.map(|i| stems[i].clone()))
 }
 
 /// Checks that names are in this order, beyond doubt, and whether their numbers are steps.
@@ -52,7 +52,7 @@ fn check_order(right: &[&str], steps: bool) {
     assert_eq!((unsorted(right), unclear(right)), (None, None), "{right:?}");
     let stems: Vec<String> = right.iter().map(|n| (*n).to_owned()).collect();
     // the number of each name is whole, so that a gap would show
-    assert_eq!((0..right.len()).all(|i| last(&Names::of(&stems), i).is_some()), steps, "{right:?}");
+    assert_eq!((0..right.len()).all(|i| last(&Names::from_stems(&stems), i).is_some()), steps, "{right:?}");
 }
 
 /// The whole number that orders name `i`, the last of several.
@@ -152,7 +152,7 @@ fn names_with_several_numbers_come_in_order_of_all_of_them() {
 fn numbers_that_begin_again_are_known() {
     let again = |names: &[&str]| {
         let stems: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
-        Names::of(&stems).begins_again()
+        Names::from_stems(&stems).begins_again()
     };
     assert_eq!(again(&["cycle1_8", "cycle1_9", "cycle2_0"]), Some((2, false)));
     assert_eq!(again(&["run1/t0", "run1/t1", "run2/t0"]), Some((2, true)));
@@ -165,7 +165,7 @@ fn numbers_that_begin_again_are_known() {
 fn missing_steps_are_found_where_numbers_are_whole() {
     let missing = |names: &[&str]| {
         let stems: Vec<String> = names.iter().map(|n| (*n).to_owned()).collect();
-        Names::of(&stems).missing().map(|m| (m.after, m.at, m.number))
+        Names::from_stems(&stems).missing().map(|m| (m.after, m.at, m.number))
     };
     assert_eq!(missing(&["t08", "t10", "t11"]), Some((0, 1..3, "09".to_owned())));
     assert_eq!(missing(&["t-3", "t-2", "t0", "t1"]), Some((1, 1..3, "-1".to_owned())));
@@ -209,8 +209,8 @@ proptest! {
         }
         let found: Vec<String> = order(&given).into_iter().map(|i| given[i].clone()).collect();
         prop_assert_eq!(&found, &right);
-        prop_assert_eq!(Names::of(&right).first_unsorted(), None);
-        prop_assert_eq!(Names::of(&given).first_unsorted().is_none(), given == right);
+        prop_assert_eq!(Names::from_stems(&right).first_unsorted(), None);
+        prop_assert_eq!(Names::from_stems(&given).first_unsorted().is_none(), given == right);
     }
 
     /// Numbers with signs, points and exponents are in order of their values.
@@ -233,7 +233,7 @@ proptest! {
         given.reverse();
         let found: Vec<String> = order(&given).into_iter().map(|i| given[i].clone()).collect();
         prop_assert_eq!(&found, &right);
-        prop_assert_eq!(Names::of(&right).first_unsorted(), None);
+        prop_assert_eq!(Names::from_stems(&right).first_unsorted(), None);
     }
 }
 
@@ -252,7 +252,7 @@ fn any_names_are_put_in_an_order_and_found_in_it() {
         let mut all = order.clone();
         all.sort_unstable();
         assert_eq!(all, (0..names.len()).collect::<Vec<_>>());
-        let found = Names::of(&names);
+        let found = Names::from_stems(&names);
         if let Some(i) = found.first_unsorted() {
             assert!(!found.written(i).is_empty());
         }

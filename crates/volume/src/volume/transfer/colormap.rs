@@ -45,7 +45,7 @@ pub fn named(name: &str) -> Option<Vec<(f64, [f32; 3])>> {
 
 /// sRGB colour of a map at a fraction; the end values hold outside [0, 1], and a map without points is black.
 #[must_use]
-pub fn at(map: &[(f64, [f32; 3])], fraction: f64) -> [f32; 3] {
+pub fn colour_at(map: &[(f64, [f32; 3])], fraction: f64) -> [f32; 3] {
     bracket(map, fraction).map_or([0.0; 3], |(a, b, t)| std::array::from_fn(|c| a[c] + (b[c] - a[c]) * t as f32))
 }
 

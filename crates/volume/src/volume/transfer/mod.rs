@@ -167,7 +167,7 @@ impl TransferFunction {
     /// sRGB colour at a fraction; the end values hold outside [0, 1]. At a step the upper side counts.
     #[must_use]
     pub fn color_at(&self, fraction: f64) -> [f32; 3] {
-        colormap::at(&self.colors, fraction)
+        colormap::colour_at(&self.colors, fraction)
     }
 
     /// Opacity per `unit_length` at a fraction; the end values hold outside [0, 1]. At a step the upper side counts.
