@@ -1,8 +1,8 @@
-//! Extension points: custom loss terms, space-time encoders, learning-rate schedules, densification rules, metrics,
-//! sources of masks and whole methods, without changes to this crate.
+//! Extension points: custom loss terms, space-time encoders, learning-rate schedules, densification rules, metrics, file
+//! formats, dataset layouts, sources of masks and whole methods, without changes to this crate.
 //!
 //! A small program registers them by name, then calls [`crate::main`]; from then on configurations, sweeps and commands
-//! accept these names. `docs/research.md` shows one of each; `examples/extended` is such a program.
+//! accept these names. `docs/research.md` shows how; `examples/extended` is such a program.
 //!
 //! A name consists of letters, digits, `-` and `_`; any other character becomes `_`. Registering a name again replaces
 //! its previous entry, also a built-in one: these are in the same tables. A table is global to the process, and an entry
@@ -11,9 +11,13 @@
 //! The functions that register are here; each trait is defined beside the code that uses it.
 
 pub use crate::config::sections::{Section, Settings};
-pub use crate::eval::metric::{Metric, MetricInput, registered as metrics};
+pub use crate::data::dataset_layout::DatasetLayout;
+pub use crate::data::scan::Scan;
+pub use crate::export::exporters::{Content, Exporter};
+pub use crate::export::splat_file::{SplatFileError, SplatFileOptions};
 pub use crate::method::network::{Network, OneNetwork, Seen};
 pub use crate::method::{Counts, Method, Model, Saved, Training};
+pub use crate::metrics::metric::{Better, Metric, MetricDisplay, MetricFailure, MetricInput, Networks};
 pub use crate::model::encoder::{EncoderFactory, find_encoder};
 pub use crate::model::encoder_definition::{EncoderDefinition, Parameter, Parameters};
 pub use crate::registry::NotRegistered;
@@ -26,8 +30,10 @@ pub use crate::train::losses::{LossInput, LossTerm, find_loss_term};
 pub use crate::train::rate_schedule::{Schedule, find_schedule};
 pub use volseggs_kernels::Camera as PinholeCamera;
 
-use crate::eval::metric::METRICS;
+use crate::data::LAYOUTS;
+use crate::export::EXPORTERS;
 use crate::method::METHODS;
+use crate::metrics::METRICS;
 use crate::model::defined_encoder::Defined;
 use crate::model::encoder::ENCODERS;
 use crate::segment::masks::registry::MASK_SOURCES;
@@ -55,7 +61,7 @@ pub fn densification(name: &str, rule: impl DensificationRule + 'static) {
     RULES.insert(name, Box::new(rule));
 }
 
-/// Registers a metric; every later evaluation computes it. Its name should not be that of a built-in metric.
+/// Registers a metric; every later evaluation computes it. It replaces a built-in metric of that name.
 pub fn metric(name: &str, metric: impl Metric + 'static) {
     METRICS.insert(name, Box::new(metric));
 }
@@ -65,6 +71,18 @@ pub fn metric(name: &str, metric: impl Metric + 'static) {
 /// [`Seen`](crate::segment::masks::source::Seen) and [`Found`](crate::segment::masks::source::Found).
 pub fn mask_source(name: &str, kind: impl MaskSourceKind + 'static) {
     MASK_SOURCES.insert(name, Box::new(kind));
+}
+
+/// Registers a format of files for other programs; `volseggs export`, by the extension of `--out` or by `--format`, and the
+/// viewer write it. It replaces a built-in format of that extension.
+pub fn exporter(exporter: Exporter) {
+    EXPORTERS.insert(exporter.extension, Box::new(exporter));
+}
+
+/// Registers a layout of datasets: whatever reads a dataset also reads folders that it recognises. It replaces a built-in
+/// layout of that name.
+pub fn dataset_layout(name: &str, layout: impl DatasetLayout + 'static) {
+    LAYOUTS.insert(name, Box::new(layout));
 }
 
 /// Registers a method; `method = "NAME"`, or `volseggs train --method NAME`, trains with it. It replaces a built-in

@@ -29,7 +29,7 @@
 //! | open a trained run and work on it | [`run::OpenRun`] |
 //! | find segments, follow and edit them | [`segment`], [`track`], [`edit`] |
 //! | measure and export | [`metrics`], [`eval`], [`export`] |
-//! | add a loss, encoder, schedule, metric, source of masks or method of one's own | [`extend`] |
+//! | add a loss, encoder, schedule, metric, file format, dataset layout, source of masks or method of one's own | [`extend`] |
 //!
 //! | feature | default | adds |
 //! |---|---|---|

@@ -7,6 +7,8 @@ mod common;
 mod densification;
 #[path = "../examples/extended/encoder.rs"]
 mod encoder;
+#[path = "../examples/extended/exporter.rs"]
+mod exporter;
 #[path = "../examples/extended/loss.rs"]
 mod loss;
 #[path = "../examples/extended/metric.rs"]
@@ -21,7 +23,9 @@ use volseggs::cli::Cli;
 use volseggs::config::types::{Config, OptimConfig};
 use volseggs::data::{Dataset, OpenOptions};
 use volseggs::device::DeviceName;
-use volseggs::extend::{self, EncoderDefinition, LossInput, LossTerm, Metric, MetricInput, Parameters, Schedule};
+use volseggs::extend::{
+    self, EncoderDefinition, LossInput, LossTerm, Metric, MetricInput, Networks, Parameters, Schedule,
+};
 use volseggs::model::Scene;
 use volseggs::model::ToKernel;
 use volseggs::model::params::{collect, to_vec};
@@ -37,6 +41,7 @@ fn register() {
     extend::schedule("warm-cosine", schedule::WarmCosine { warm: 0.05, last: 0.01 });
     extend::densification("opaque", densification::Opaque { opacity: 0.1 });
     extend::metric("foreground_psnr", metric::ForegroundPsnr);
+    extend::exporter(exporter::XYZ);
 }
 
 fn config(more: &[&str]) -> Config {
@@ -90,7 +95,7 @@ fn the_page_quotes_the_example_files() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let read = |path: &str| std::fs::read_to_string(root.join(path)).unwrap();
     let page = read("docs/research.md");
-    for name in ["main", "loss", "encoder", "schedule", "densification", "metric", "method"] {
+    for name in ["main", "loss", "encoder", "schedule", "densification", "metric", "exporter", "method"] {
         let path = format!("examples/extended/{name}.rs");
         assert!(page.contains(&format!("```rust\n{}```\n", read(&path))), "docs/research.md does not show {path}");
     }
@@ -261,19 +266,20 @@ fn the_densification_rule_follows_the_line_to_the_budget() {
 #[test]
 fn the_metric_covers_only_the_silhouette() {
     let value = |render: &[f32], alpha: &[f32]| {
-        let (width, height, background, time) = (alpha.len(), 1, [1.0; 3], 0.0);
-        let truth = vec![0.5; render.len()];
-        metric::ForegroundPsnr.value(&MetricInput { render, truth: &truth, alpha, width, height, background, time })
+        let (width, height, background, time, networks) = (alpha.len(), 1, [1.0; 3], 0.0, &Networks::default());
+        let truth = &vec![0.5; render.len()];
+        let view = MetricInput { render, truth, alpha, width, height, background, time, networks };
+        metric::ForegroundPsnr.value(&view).unwrap()
     };
     let render = [0.6, 0.6, 0.6, 1.0, 1.0, 1.0];
-    assert!((value(&render, &[0.3, 0.0]) - 20.0).abs() < 1e-4);
-    assert!(value(&render, &[0.3, 0.1]) < 10.0);
-    assert!(value(&render, &[0.0, 0.0]).is_nan() && value(&[], &[]).is_nan());
-    assert_eq!(value(&[0.5; 3], &[1.0]), f64::INFINITY);
+    assert!((value(&render, &[0.3, 0.0]).unwrap() - 20.0).abs() < 1e-4);
+    assert!(value(&render, &[0.3, 0.1]).unwrap() < 10.0);
+    assert!(value(&render, &[0.0, 0.0]).is_none() && value(&[], &[]).is_none());
+    assert_eq!(value(&[0.5; 3], &[1.0]), None);
 }
 
 #[test]
-fn the_program_accepts_all_four_extensions() {
+fn the_program_accepts_all_extensions() {
     register();
     let root = dataset();
     let settings = ["loss.extra.edges=0.1", "model.encoder=waves", "optim.schedule=warm-cosine"];
@@ -283,6 +289,14 @@ fn the_program_accepts_all_four_extensions() {
     };
     run(train_arguments(root.path(), "run", &settings));
     run(["eval", &text(root.path(), "run")].map(str::to_owned).to_vec());
+    let points = text(root.path(), "points.xyz");
+    for _ in 0..2 {
+        // the second time, the program replaces its own file
+        run(["export", &text(root.path(), "run"), "--refit", "0", "--out", &points].map(str::to_owned).to_vec());
+    }
+    let written = std::fs::read_to_string(&points).unwrap();
+    assert!(written.starts_with("# volseggs: x y z opacity\n# coordinates scene\n"), "{written}");
+    assert!(written.lines().last().unwrap().split(' ').filter_map(|v| v.parse::<f64>().ok()).count() == 4, "{written}");
 
     let kept: toml::Table = std::fs::read_to_string(root.path().join("run/config.toml")).unwrap().parse().unwrap();
     assert_eq!(kept["loss"]["extra"]["edges"].as_float(), Some(0.1));

@@ -1,7 +1,8 @@
-//! volseggs with six extensions. Every command works as in the program itself; configurations know the new names.
+//! volseggs with seven extensions. Every command works as in the program itself; configurations know the new names.
 
 mod densification;
 mod encoder;
+mod exporter;
 mod loss;
 mod method;
 mod metric;
@@ -18,6 +19,7 @@ fn main() -> std::process::ExitCode {
     volseggs::extend::schedule("warm-cosine", schedule::WarmCosine { warm: 0.05, last: 0.01 });
     volseggs::extend::densification("opaque", densification::Opaque { opacity: 0.1 });
     volseggs::extend::metric("foreground_psnr", metric::ForegroundPsnr);
+    volseggs::extend::exporter(exporter::XYZ);
     volseggs::extend::network("pixels", method::Pixels);
     volseggs::main()
 }

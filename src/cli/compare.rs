@@ -1,10 +1,16 @@
 //! `volseggs compare`
 
 use super::{CliError, print_json};
+use crate::compare::metric::default_columns;
 use crate::compare::runs::from_folders;
 use crate::compare::write::replace_report;
 use clap::Args;
 use std::path::PathBuf;
+use std::sync::LazyLock;
+
+/// The metrics of a table unless told otherwise.
+static METRICS: LazyLock<String> =
+    LazyLock::new(|| default_columns(&[], &["fps", "training_minutes", "model_mib"]).join(","));
 
 /// Compare runs: a table over seeds, learning curves, pictures with error maps.
 #[derive(Debug, Args)]
@@ -16,7 +22,7 @@ pub struct CompareArgs {
     #[arg(required = true, value_name = "RUN")]
     runs: Vec<PathBuf>,
     /// Metrics to report.
-    #[arg(long, value_delimiter = ',', default_value = "psnr,ssim,lpips_alex,fps,training_minutes,model_mib")]
+    #[arg(long, value_delimiter = ',', default_value = METRICS.as_str())]
     metrics: Vec<String>,
     /// Folder for report.html, report.md, table.tex, results.csv, results.json and tensorboard/; if not given, only the
     /// table is printed.

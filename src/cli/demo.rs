@@ -30,11 +30,15 @@ impl DemoArgs {
             e => CliError::failure(e),
         })?;
         let s = &outcome.evaluation.summary;
+        let quality = s
+            .metrics
+            .shown_by_default()
+            .into_iter()
+            .map(|(shown, v)| format!("{} {}", shown.short, shown.with_unit(v)));
         errln!(
-            "PSNR {:.2} dB, SSIM {:.4} on {} test views, {:.0} s in total\nopen {} in a browser; fly through the \
+            "{} on {} test views, {:.0} s in total\nopen {} in a browser; fly through the \
              scene with `volseggs view {}`",
-            s.psnr,
-            s.ssim,
+            quality.collect::<Vec<_>>().join(", "),
             s.views,
             started.elapsed().as_secs_f64(),
             outcome.report.display(),

@@ -12,7 +12,9 @@ use crate::eval::speed::Speed;
 use crate::files::{FolderKind, Work};
 use crate::log::progress;
 use crate::memory::MIB;
-use crate::metrics::lpips::{Lpips, LpipsNet};
+use crate::metrics::lpips::LpipsNet;
+use crate::metrics::metric::{Networks, display};
+use crate::metrics::values::MetricValues;
 use crate::run::measure::{MeasuredOn, measure};
 use crate::run::{AnyRun, OpenRun, Trained};
 use crate::versioned::Versioned;
@@ -61,16 +63,12 @@ impl EvalArgs {
             Some(_) => AnyRun::open_any(&self.run, &device)?,
             None => AnyRun::open_locked(&self.run, &device, &command_line(), Work::Long).map_err(or_elsewhere)?,
         };
-        let networks = self
-            .lpips_weights
-            .iter()
-            .map(|path| Lpips::load(path, &device).map_err(CliError::input))
-            .collect::<Result<Vec<_>, _>>()?;
+        let networks = Networks::load(&self.lpips_weights, &device).map_err(CliError::input)?;
         if let (false, Some(flag)) = (self.segments.segments, self.segments.settings.given()) {
             return Err(CliError::input(format!("{flag}: only for --segments")));
         }
         if self.segments.segments {
-            let mut given = self.lpips_weights.iter().zip(&networks);
+            let mut given = self.lpips_weights.iter().zip(networks.lpips());
             if let Some((path, _)) = given.find(|(_, network)| network.net() != LpipsNet::Alex) {
                 return Err(CliError::input(format!(
                     "--lpips-weights {}: weights of VGG-16, but --segments measures LPIPS with AlexNet only; omit them",
@@ -79,7 +77,7 @@ impl EvalArgs {
             }
             let out = self.out.as_deref();
             let run = self.segments.settings.of(run.gaussians()?)?;
-            return self.segments.run(&run, self.data.as_deref(), out, &networks, self.common.json);
+            return self.segments.run(&run, self.data.as_deref(), out, networks.lpips(), self.common.json);
         }
         let split = run.measured(self.split, self.data.as_deref(), self.views)?;
         if !run.config.data.only_times.is_empty() {
@@ -92,23 +90,17 @@ impl EvalArgs {
         let on = MeasuredOn::open(&run, self.data.as_deref(), self.split)?;
         let folder = results(&run, &on, self.split.as_str(), self.out.as_deref(), &KIND)?;
         let bar = progress::bar(split.frames.len(), "views");
-        let evaluation = measure(&run, &split, &networks, &on, &folder, |done, psnr| {
+        let evaluation = measure(&run, &split, &networks, &on, &folder, |done, metrics| {
             bar.set_position(done as u64);
-            bar.set_message(format!("{psnr:.2} dB"));
+            bar.set_message(metrics.headline_text());
         })?;
         bar.finish_and_clear();
         let s = &evaluation.summary;
         if self.common.json {
             return print_json(&Versioned::new(s));
         }
-        let lpips = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:.4}"));
         outln!("views          {} ({}x{}, {} split)", s.views, s.width, s.height, s.split);
-        outln!("PSNR           {:.2} dB", s.psnr);
-        outln!("SSIM           {:.4} (RGB, Gaussian window)   {:.4} (grey, 7x7)", s.ssim, s.ssim_gray);
-        outln!("LPIPS          {} (AlexNet)   {} (VGG-16)", lpips(s.lpips_alex), lpips(s.lpips_vgg));
-        for (name, value) in &s.extra {
-            outln!("{name:<14} {value:.4}");
-        }
+        metric_lines(&s.metrics).iter().for_each(|line| outln!("{line}"));
         print_diagnosis(s);
         let drawn = if s.gaussians > 0 { "deformation and splatting" } else { "everything that drawing takes" };
         print_speed(&s.speed, name.is_cpu(), drawn);
@@ -124,6 +116,19 @@ impl EvalArgs {
         errln!("results by view, and pictures: {}", folder.display());
         Ok(())
     }
+}
+
+/// The values as lines, each with the metrics of one abbreviation.
+fn metric_lines(values: &MetricValues) -> Vec<String> {
+    let shown: Vec<_> = values.in_order().into_iter().map(|(name, value)| (display(name), value)).collect();
+    let lines = shown.chunk_by(|(a, _), (b, _)| a.short == b.short).map(|alike| {
+        let cells = alike.iter().map(|(shown, value)| {
+            let value = value.map_or_else(|| "-".to_owned(), |value| shown.with_unit(value));
+            if shown.note.is_empty() { value } else { format!("{value} ({})", shown.note) }
+        });
+        format!("{:<14} {}", alike[0].0.short, cells.collect::<Vec<_>>().join("   "))
+    });
+    lines.collect()
 }
 
 /// Prints the frames per second. On a CPU, images are on the host anyway: both figures measure the same, and their mean is
@@ -146,8 +151,7 @@ fn print_speed(speed: &Speed, on_cpu: bool, drawn: &str) {
 
 /// Prints what bounds the quality, as aligned columns.
 fn print_diagnosis(summary: &Summary) {
-    let rows: Vec<[String; 6]> =
-        std::iter::once(diagnosis::HEAD.map(String::from)).chain(diagnosis::rows(summary)).collect();
+    let rows: Vec<[String; 6]> = std::iter::once(diagnosis::head()).chain(diagnosis::rows(summary)).collect();
     let width = |c: usize| rows.iter().map(|row| row[c].chars().count()).max().unwrap_or(0);
     let widths: [usize; 6] = std::array::from_fn(width);
     for row in &rows {
@@ -185,4 +189,23 @@ pub(super) fn results<S: Trained>(
         );
     }
     Ok(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn metrics_of_one_abbreviation_share_a_line() {
+        let values = [("psnr", 27.304), ("ssim", 0.9), ("ssim_gray", 0.95), ("lpips_vgg", 0.1), ("mine", 0.25)];
+        assert_eq!(
+            metric_lines(&values.into_iter().collect()),
+            [
+                "PSNR           27.30 dB",
+                "SSIM           0.9000 (RGB, Gaussian window)   0.9500 (grey, 7x7)",
+                "LPIPS          - (AlexNet)   0.1000 (VGG-16)",
+                "mine           0.2500",
+            ]
+        );
+    }
 }

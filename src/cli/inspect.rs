@@ -3,6 +3,7 @@
 use super::error::refuse;
 use super::inspect_volume::{inspect_volume, is_volume};
 use super::{CliError, print_json};
+use crate::data::dataset_layout::{is_dataset, looked_for};
 use crate::data::inspect::inspect;
 use crate::data::layout::layout_picture;
 use crate::data::{Aabb, Dataset, OpenOptions, SplitName, TruthVolume, VisualHull};
@@ -54,8 +55,7 @@ impl InspectArgs {
             }
             check_file(picture)?;
         }
-        let is_dataset = SplitName::ALL.iter().any(|s| s.json_path(&self.path).is_file());
-        if is_dataset {
+        if is_dataset(&self.path) {
             self.refuse_volume_options(false)?;
             self.dataset()
         } else if RunPaths(&self.path).record().is_file() || !checkpoint::list(&self.path).is_empty() {
@@ -87,8 +87,9 @@ impl InspectArgs {
             Err(CliError::input(format!("{}: not a supported volume format: {what}", self.path.display())))
         } else {
             Err(CliError::input(format!(
-                "{}: not a volume ({READ}), a dataset (transforms_*.json), a run (checkpoints/), a .ply or a .safetensors file",
-                self.path.display()
+                "{}: not a volume ({READ}), a dataset ({}), a run (checkpoints/), a .ply or a .safetensors file",
+                self.path.display(),
+                looked_for()
             )))
         }
     }

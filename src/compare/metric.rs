@@ -1,46 +1,23 @@
-//! The metrics known to tables: heading, unit, digits, and which direction is better. Ids that are not listed here can
-//! be shown too.
+//! The quantities known to tables: the metrics of images, and what else is measured of a run or its segments. Names that
+//! are not known can be shown too.
 
+use crate::metrics::METRICS;
+pub use crate::metrics::metric::Better;
+use crate::metrics::metric::{MetricDisplay, default_names};
 use serde::Serialize;
 
-/// Which direction of a metric is better.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Better {
-    /// Larger is better.
-    Higher,
-    /// Smaller is better.
-    Lower,
-    /// Neither, such as a number of Gaussians.
-    Neither,
+const fn row(
+    id: &'static str,
+    head: &'static str,
+    short: &'static str,
+    digits: usize,
+    better: Better,
+) -> (&'static str, MetricDisplay) {
+    (id, MetricDisplay::new(head, short, digits, better))
 }
 
-/// How a metric is shown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Metric {
-    /// The name in files, on the command line and in sweep files.
-    pub id: &'static str,
-    /// Heading, with its unit.
-    pub head: &'static str,
-    /// The paper's abbreviation, for LaTeX.
-    pub short: &'static str,
-    /// Digits after the decimal point.
-    pub digits: usize,
-    /// Which direction is better.
-    pub better: Better,
-}
-
-const fn row(id: &'static str, head: &'static str, short: &'static str, digits: usize, better: Better) -> Metric {
-    Metric { id, head, short, digits, better }
-}
-
-/// All metrics that can be reported.
-pub const METRICS: &[Metric] = &[
-    row("psnr", "PSNR, dB", "PSNR", 2, Better::Higher),
-    row("ssim", "SSIM", "SSIM", 4, Better::Higher),
-    row("ssim_gray", "SSIM (grey)", "SSIM", 4, Better::Higher),
-    row("lpips_alex", "LPIPS (AlexNet)", "LPIPS", 4, Better::Lower),
-    row("lpips_vgg", "LPIPS (VGG-16)", "LPIPS", 4, Better::Lower),
+/// What can be reported besides the metrics of images, by its name in files, on the command line and in sweep files.
+static QUANTITIES: &[(&str, MetricDisplay)] = &[
     row("psnr_training", "PSNR of training views, dB", "training PSNR", 2, Better::Higher),
     row("psnr_edge", "PSNR at edges, dB", "edge PSNR", 2, Better::Higher),
     row("psnr_interior", "PSNR of the interior, dB", "interior PSNR", 2, Better::Higher),
@@ -60,13 +37,21 @@ pub const METRICS: &[Metric] = &[
     row("segment_seconds", "segmentation, s", "ST", 1, Better::Lower),
 ];
 
-/// Returns the metric with that id.
+/// Returns the names of all that can be reported: the metrics of images, then the rest.
 #[must_use]
-pub fn metric(id: &str) -> Option<&'static Metric> {
-    METRICS.iter().find(|m| m.id == id)
+pub fn known() -> Vec<String> {
+    METRICS.names().into_iter().chain(QUANTITIES.iter().map(|(id, _)| (*id).to_owned())).collect()
 }
 
-/// A metric as a column of a table. Unlike [`Metric`] it can be made for any id.
+/// Returns the names of the metrics of images that tables have unless told otherwise, after `before` and followed by
+/// `after`.
+#[must_use]
+pub fn default_columns(before: &[&str], after: &[&str]) -> Vec<String> {
+    let owned = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
+    [owned(before), default_names(), owned(after)].concat()
+}
+
+/// A metric or another quantity as a column of a table.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Column {
     /// The name in files.
@@ -82,15 +67,13 @@ pub struct Column {
 }
 
 impl Column {
-    /// Returns the column for an id. One that [`METRICS`] lacks is shown under its id with 4 digits; smaller is better
-    /// if it ends in `_loss` or `_error`.
+    /// Returns the column for an id, see [`MetricDisplay::named`] for one that is not [`known`].
     #[must_use]
     pub fn of(id: &str) -> Self {
-        let lower = id.ends_with("_loss") || id.ends_with("_error");
-        let better = if lower { Better::Lower } else { Better::Higher };
-        let (head, short, digits, better) =
-            metric(id).map_or((id, id, 4, better), |m| (m.head, m.short, m.digits, m.better));
-        Self { id: id.to_owned(), head: head.to_owned(), short: short.to_owned(), digits, better }
+        let quantity = QUANTITIES.iter().find(|(known, _)| *known == id).map(|(_, display)| display.clone());
+        let MetricDisplay { head, short, digits, better, .. } =
+            quantity.unwrap_or_else(|| crate::metrics::metric::display(id));
+        Self { id: id.to_owned(), head: head.into_owned(), short: short.into_owned(), digits, better }
     }
 
     /// The heading without its unit.

@@ -1,6 +1,6 @@
 //! Run folders as outcomes, for `volseggs compare`.
 
-use super::metric::METRICS;
+use super::metric;
 use super::results::{Outcome, OutcomeState, ResultSet};
 use crate::config::flatten;
 use crate::eval::run::Summary;
@@ -20,9 +20,6 @@ use toml::Table;
 #[must_use]
 pub fn metrics(summary: &Summary, record: &RunRecord) -> BTreeMap<String, f64> {
     let mut metrics = BTreeMap::from([
-        ("psnr".to_owned(), summary.psnr),
-        ("ssim".to_owned(), summary.ssim),
-        ("ssim_gray".to_owned(), summary.ssim_gray),
         ("fps".to_owned(), summary.speed.fps),
         ("fps_with_copy".to_owned(), summary.speed.fps_with_copy),
         ("training_minutes".to_owned(), summary.training_seconds / 60.0),
@@ -30,16 +27,14 @@ pub fn metrics(summary: &Summary, record: &RunRecord) -> BTreeMap<String, f64> {
         ("model_mib".to_owned(), summary.model_bytes as f64 / MIB),
         ("gaussians".to_owned(), summary.gaussians as f64),
     ]);
-    metrics.extend(summary.lpips_alex.map(|v| ("lpips_alex".to_owned(), v)));
-    metrics.extend(summary.lpips_vgg.map(|v| ("lpips_vgg".to_owned(), v)));
-    metrics.extend(summary.training_views.map(|t| ("psnr_training".to_owned(), t.psnr)));
+    metrics.extend(summary.training_views.as_ref().map(|t| ("psnr_training".to_owned(), t.metrics.headline())));
     let parts = &summary.by_region;
     let psnr = [("psnr_edge", parts.edge.psnr), ("psnr_interior", parts.interior.psnr)];
     metrics.extend(psnr.into_iter().filter_map(|(name, v)| Some((name.to_owned(), v?))));
     if record.peak_memory_bytes > 0 {
         metrics.insert("peak_memory_gb".to_owned(), record.peak_memory_bytes as f64 / 1e9);
     }
-    metrics.extend(summary.extra.clone());
+    metrics.extend(summary.metrics.iter().map(|(name, value)| (name.to_owned(), value)));
     metrics
 }
 
@@ -66,11 +61,10 @@ pub enum RunError {
 
 /// Refuses metrics that neither this program nor any of the outcomes knows.
 fn check_metrics(metrics: &[String], outcomes: &[Outcome]) -> Result<(), RunError> {
-    let mut known: Vec<String> = METRICS.iter().map(|m| m.id.to_owned()).collect();
-    let more = crate::eval::metric::registered().into_iter().map(|(name, _)| name);
-    for name in more.chain(outcomes.iter().flat_map(|o| o.metrics.keys().cloned())) {
-        if !known.contains(&name) {
-            known.push(name);
+    let mut known = metric::known();
+    for name in outcomes.iter().flat_map(|o| o.metrics.keys()) {
+        if !known.contains(name) {
+            known.push(name.clone());
         }
     }
     match metrics.iter().find(|m| !known.contains(m)) {

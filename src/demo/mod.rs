@@ -11,6 +11,7 @@ use crate::eval::run::Evaluation;
 use crate::files::{LockError, RunLock, Work, check_file};
 use crate::log::progress;
 use crate::method;
+use crate::metrics::metric::Networks;
 use crate::prepare::views::{Times, ViewOptions};
 use crate::prepare::{
     PrepareError, PrepareOptions, PrepareRecord, SegmentOptions, SegmentSteps, Source, image_count, prepare,
@@ -159,9 +160,9 @@ pub fn demo(
     let test = trained.measured(SplitName::Test, None, None).map_err(failed("evaluate"))?;
     let bar = progress::bar(test.frames.len(), "views");
     let folder = trained.paths().eval().join("test");
-    let evaluation = measure(&trained, &test, &[], &on, &folder, |done, psnr| {
+    let evaluation = measure(&trained, &test, &Networks::default(), &on, &folder, |done, metrics| {
         bar.set_position(done as u64);
-        bar.set_message(format!("{psnr:.2} dB"));
+        bar.set_message(metrics.headline_text());
     })
     .map_err(failed("evaluate"))?;
     bar.finish_and_clear();

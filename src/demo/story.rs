@@ -6,9 +6,10 @@ use crate::data::paths::{Lens, RADIUS, orbit};
 use crate::data::truth::{self, SegmentFile};
 use crate::draw::plot::{Series, line_plot};
 use crate::eval::diagnosis;
-use crate::eval::results::psnr_over_time;
+use crate::eval::results::headline_over_time;
 use crate::export::images::{encode_png, to_rgb8};
 use crate::memory::MIB;
+use crate::metrics::metric::{MetricDisplay, display, headline};
 use crate::model::ToKernel;
 use crate::report::{Block, Number, Report, Section};
 use crate::shell;
@@ -44,8 +45,9 @@ pub(super) fn pictures(results: &Results<'_>) -> Result<Pictures, String> {
         .collect::<Result<_, _>>()?;
     let test = &results.test;
     // the view of median quality: neither the best nor the worst
+    let quality = |view: &usize| results.evaluation.views[*view].metrics.headline();
     let mut order: Vec<usize> = (0..results.evaluation.views.len()).collect();
-    order.sort_by(|a, b| results.evaluation.views[*a].psnr.total_cmp(&results.evaluation.views[*b].psnr));
+    order.sort_by(|a, b| quality(a).total_cmp(&quality(b)));
     let median = order[order.len() / 2];
     let frame = &test.frames[median];
     let (w, h) = (test.images.width as usize, test.images.height as usize);
@@ -56,8 +58,10 @@ pub(super) fn pictures(results: &Results<'_>) -> Result<Pictures, String> {
         turntable,
         compare: [png(&to_rgb8(&truth, w, h))?, png(&to_rgb8(&render, w, h))?],
         compare_name: format!(
-            "Test view {} at time {:.2}, {:.2} dB: the median of all test views.",
-            frame.name, frame.time, results.evaluation.views[median].psnr
+            "Test view {} at time {:.2}, {}: the median of all test views.",
+            frame.name,
+            frame.time,
+            results.evaluation.views[median].metrics.headline_text()
         ),
         sheet,
         segments: segments(&results.data)?,
@@ -115,6 +119,24 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
         name: name.into(),
         note: note.into(),
     };
+    let mut numbers: Vec<Number> = Vec::new();
+    for (shown, value) in s.metrics.shown_by_default() {
+        let note = if shown.note.is_empty() { format!("{} test views", s.views) } else { shown.note.to_owned() };
+        numbers.push(number(format!("{value:.*}", shown.digits), shown.unit, &shown.short, &note));
+    }
+    numbers.extend([
+        number(fps(0), "/s", "frames", "deformation recomputed for each, images left on the device"),
+        number(format!("{:.0}", record.training_seconds), "s", "training", &record.device),
+        number(format!("{:.1}", s.model_bytes as f64 / MIB), "MiB", "model", &format!("{} Gaussians", s.gaussians)),
+    ]);
+    let measured = s.metrics.in_order().into_iter().filter_map(|(name, value)| Some((display(name), value?)));
+    // at least three digits, as this is the table of a single run
+    let row = |(shown, value): (MetricDisplay, f64)| vec![shown.name(), format!("{value:.*}", shown.digits.max(3))];
+    let mut rows: Vec<Vec<String>> = measured.map(row).collect();
+    rows.extend([
+        vec!["frames per second".into(), fps(1)],
+        vec!["frames per second, images copied to the host".into(), format!("{:.1}", s.speed.fps_with_copy)],
+    ]);
     let labels = (0..pictures.turntable.len())
         .map(|i| format!("time {:.2}", i as f64 / (pictures.turntable.len() - 1).max(1) as f64))
         .collect();
@@ -132,18 +154,7 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
                     caption: "One orbit, time from 0 to 1.".into(),
                     fps: 12.0,
                 },
-                Block::Numbers(vec![
-                    number(format!("{:.2}", s.psnr), "dB", "PSNR", &format!("{} test views", s.views)),
-                    number(format!("{:.4}", s.ssim), "", "SSIM", "RGB, Gaussian window"),
-                    number(fps(0), "/s", "frames", "deformation recomputed for each, images left on the device"),
-                    number(format!("{:.0}", record.training_seconds), "s", "training", &record.device),
-                    number(
-                        format!("{:.1}", s.model_bytes as f64 / MIB),
-                        "MiB",
-                        "model",
-                        &format!("{} Gaussians", s.gaussians),
-                    ),
-                ]),
+                Block::Numbers(numbers),
             ],
         ),
         Section::new(
@@ -161,21 +172,12 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
                     },
                     Block::Table {
                         head: ["metric", "mean over test views"].map(String::from).to_vec(),
-                        rows: vec![
-                            vec!["PSNR, dB".into(), format!("{:.3}", s.psnr)],
-                            vec!["SSIM, RGB, Gaussian window".into(), format!("{:.4}", s.ssim)],
-                            vec!["SSIM, grey, 7x7".into(), format!("{:.4}", s.ssim_gray)],
-                            vec!["frames per second".into(), fps(1)],
-                            vec![
-                                "frames per second, images copied to the host".into(),
-                                format!("{:.1}", s.speed.fps_with_copy),
-                            ],
-                        ],
+                        rows,
                         caption: format!("{} views of {}x{} over white, as 8-bit images", s.views, s.width, s.height),
                         highlight: Some(1),
                     },
                     Block::Table {
-                        head: diagnosis::HEAD.map(String::from).to_vec(),
+                        head: diagnosis::head().to_vec(),
                         rows: diagnosis::rows(s).into_iter().map(|row| row.to_vec()).collect(),
                         caption: "What limits it: training views beside unseen ones, and where in the pictures the \
                                   error lies. Edges: pixels next to a change of more than 0.1 per pixel in the truth \
@@ -183,7 +185,10 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
                             .into(),
                         highlight: Some(2),
                     },
-                    Block::Svg { svg: psnr_over_time(&results.evaluation), caption: "PSNR of each test view.".into() },
+                    Block::Svg {
+                        svg: headline_over_time(&results.evaluation),
+                        caption: format!("{} of each test view.", headline().short),
+                    },
                     Block::Svg { svg: learning_curve(&results.run.path), caption: "PSNR during training.".into() },
                 ];
                 if let Some(png) = pictures.sheet {

@@ -7,43 +7,56 @@
 
 use super::regions::{ByRegion, Region};
 use super::run::Summary;
+use crate::metrics::METRICS;
+use crate::metrics::metric::display;
+use crate::metrics::values::MetricValues;
 use serde::{Deserialize, Serialize};
 
 /// Means over views that the scene was trained on.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrainingViews {
     /// Number of views measured: all, or a sample that is the same in every evaluation of the dataset.
     pub views: usize,
     /// Number of views that were trained on.
     pub of: usize,
-    /// Mean PSNR, decibels.
-    pub psnr: f64,
-    /// Mean SSIM, RGB.
-    pub ssim: f64,
-    /// Mean SSIM, grey.
-    pub ssim_gray: f64,
+    /// Means of the metrics that need no network.
+    #[serde(flatten)]
+    pub metrics: MetricValues,
     /// Error by region.
     pub by_region: ByRegion,
 }
 
-/// Column headings of [`rows`].
-pub const HEAD: [&str; 6] = ["what", "views", "PSNR, dB", "SSIM, RGB", "pixels, %", "squared error, %"];
+/// Names of the metrics in the table: the first two of all.
+fn metrics() -> [String; 2] {
+    let mut names = METRICS.names().into_iter();
+    std::array::from_fn(|_| names.next().unwrap_or_default())
+}
+
+/// Returns the column headings of [`rows`].
+#[must_use]
+pub fn head() -> [String; 6] {
+    let [a, b] = metrics().map(|name| display(&name).name().split(", ").take(2).collect::<Vec<_>>().join(", "));
+    ["what".into(), "views".into(), a, b, "pixels, %".into(), "squared error, %".into()]
+}
 
 /// Returns the table: a row for the training views, for each distance from a trained time, and for each region of the
 /// pictures.
 #[must_use]
 pub fn rows(summary: &Summary) -> Vec<[String; 6]> {
     let none = String::new;
-    let views = |what: String, views: String, psnr: f64, ssim: f64| {
-        [what, views, format!("{psnr:.2}"), format!("{ssim:.4}"), none(), none()]
+    let shown = metrics();
+    let views = |what: String, views: String, values: &MetricValues| {
+        let value = |name: &String| values.get(name).map(|value| format!("{value:.*}", display(name).digits));
+        let [a, b] = shown.each_ref().map(|name| value(name).unwrap_or_else(|| "-".to_owned()));
+        [what, views, a, b, none(), none()]
     };
     let mut out = Vec::new();
     if let Some(t) = &summary.training_views {
         let count = if t.views == t.of { t.views.to_string() } else { format!("{} of {}", t.views, t.of) };
-        out.push(views("training views".to_owned(), count, t.psnr, t.ssim));
+        out.push(views("training views".to_owned(), count, &t.metrics));
     }
     let split = &summary.split;
-    out.push(views(format!("{split} views"), summary.views.to_string(), summary.psnr, summary.ssim));
+    out.push(views(format!("{split} views"), summary.views.to_string(), &summary.metrics));
     for at in &summary.by_distance {
         let distance = if at.to < 1e-4 {
             "at a trained time".to_owned()
@@ -52,9 +65,9 @@ pub fn rows(summary: &Summary) -> Vec<[String; 6]> {
         } else {
             format!("{:.4} to {:.4} from a trained time", at.from, at.to)
         };
-        out.push(views(format!("{split} views {distance}"), at.views.to_string(), at.psnr, at.ssim));
+        out.push(views(format!("{split} views {distance}"), at.views.to_string(), &at.metrics));
     }
-    let training = summary.training_views.map(|t| ("training", t.by_region));
+    let training = summary.training_views.as_ref().map(|t| ("training", t.by_region));
     for (whose, parts) in [(split.as_str(), summary.by_region)].into_iter().chain(training) {
         for (name, part) in [("edges", parts.edge), ("interior", parts.interior), ("outside", parts.outside)] {
             let Region { pixels, error, psnr } = part;

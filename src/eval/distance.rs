@@ -1,6 +1,7 @@
 //! Metrics by the distance of a view's time from the nearest trained time: what is interpolation, and what is not.
 
-use super::run::{ViewMetrics, mean_of};
+use super::run::ViewMetrics;
+use crate::metrics::values::MetricValues;
 use serde::{Deserialize, Serialize};
 
 /// Times closer than this count as equal.
@@ -17,14 +18,9 @@ pub struct AtDistance {
     pub to: f64,
     /// Number of views.
     pub views: usize,
-    /// Mean PSNR, decibels.
-    pub psnr: f64,
-    /// Mean SSIM, RGB.
-    pub ssim: f64,
-    /// Mean SSIM, grey.
-    pub ssim_gray: f64,
-    /// Mean LPIPS with AlexNet; null without weights.
-    pub lpips_alex: Option<f64>,
+    /// Means of the metrics.
+    #[serde(flatten)]
+    pub metrics: MetricValues,
 }
 
 /// Groups views by their distance from the nearest of the `trained` times, nearest first. A few distances are one group
@@ -55,35 +51,22 @@ pub fn by_distance(views: &[ViewMetrics], trained: &[f64]) -> Vec<AtDistance> {
 
 /// Returns the means of a group, which holds at least one view.
 fn summary(group: &[(f64, &ViewMetrics)]) -> AtDistance {
-    let views: Vec<&ViewMetrics> = group.iter().map(|(_, view)| *view).collect();
     let distance = |row: Option<&(f64, &ViewMetrics)>| row.map_or(0.0, |(d, _)| if *d < SAME { 0.0 } else { *d });
     AtDistance {
         from: distance(group.first()),
         to: distance(group.last()),
-        views: views.len(),
-        psnr: mean_of(&views, |v| Some(v.psnr)).unwrap_or(f64::NAN),
-        ssim: mean_of(&views, |v| Some(v.ssim)).unwrap_or(f64::NAN),
-        ssim_gray: mean_of(&views, |v| Some(v.ssim_gray)).unwrap_or(f64::NAN),
-        lpips_alex: mean_of(&views, |v| v.lpips_alex),
+        views: group.len(),
+        metrics: MetricValues::mean(group.iter().map(|(_, view)| &view.metrics)),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::collections::BTreeMap;
 
     fn view(time: f64, psnr: f64) -> ViewMetrics {
-        ViewMetrics {
-            view: String::new(),
-            time,
-            psnr,
-            ssim: 0.9,
-            ssim_gray: 0.8,
-            lpips_alex: Some(psnr / 100.0),
-            lpips_vgg: None,
-            extra: BTreeMap::new(),
-        }
+        let metrics = [("psnr", psnr), ("ssim", 0.9), ("lpips_alex", psnr / 100.0)].into_iter().collect();
+        ViewMetrics { view: String::new(), time, metrics }
     }
 
     #[test]
@@ -93,9 +76,11 @@ mod tests {
         let views: Vec<ViewMetrics> = (0..=6).map(|i| view(f64::from(i) / 99.0 + 1e-9, f64::from(i))).collect();
         let found = by_distance(&views, &trained);
         assert_eq!(found.iter().map(|g| g.views).collect::<Vec<_>>(), [3, 4]);
-        assert_eq!((found[0].from, found[0].to, found[0].psnr), (0.0, 0.0, 3.0));
-        assert!((found[1].from - 1.0 / 99.0).abs() < 1e-6 && (found[1].psnr - 3.0).abs() < 1e-12);
-        assert!((found[1].lpips_alex.unwrap() - 0.03).abs() < 1e-12);
+        assert_eq!((found[0].from, found[0].to, found[0].metrics.get("psnr")), (0.0, 0.0, Some(3.0)));
+        assert!(
+            (found[1].from - 1.0 / 99.0).abs() < 1e-6 && (found[1].metrics.get("psnr").unwrap() - 3.0).abs() < 1e-12
+        );
+        assert!((found[1].metrics.get("lpips_alex").unwrap() - 0.03).abs() < 1e-12);
     }
 
     #[test]

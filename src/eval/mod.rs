@@ -2,7 +2,6 @@
 
 pub mod diagnosis;
 pub mod distance;
-pub mod metric;
 pub mod regions;
 pub mod results;
 pub mod run;

@@ -4,6 +4,7 @@ use super::run::{Evaluation, Summary, to_csv};
 use crate::draw::plot::{Series, line_plot};
 use crate::export::images::encode_png;
 use crate::files::{AtomicDir, FolderKind, WriteError, read_regular};
+use crate::metrics::metric::headline;
 use crate::versioned;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -52,13 +53,14 @@ fn owner(file: &Path) -> Option<String> {
     Some(value["fingerprint"].as_str().unwrap_or_default().to_owned())
 }
 
-/// Plots the PSNR of each view over its time, as SVG.
+/// Plots the first metric, PSNR, of each view over its time, as SVG.
 #[must_use]
-pub fn psnr_over_time(evaluation: &Evaluation) -> String {
-    let mut points: Vec<(f64, f64)> = evaluation.views.iter().map(|v| (v.time, v.psnr)).collect();
+pub fn headline_over_time(evaluation: &Evaluation) -> String {
+    let mut points: Vec<(f64, f64)> = evaluation.views.iter().map(|v| (v.time, v.metrics.headline())).collect();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
     let series = [Series { name: evaluation.summary.split.clone(), points }];
-    line_plot("PSNR over time", "time", "dB", &series)
+    let display = headline();
+    line_plot(&format!("{} over time", display.short), "time", display.unit, &series)
 }
 
 /// Writes `views.csv`, `mean.json`, `psnr-over-time.svg`, `contact-sheet.png` and `pictures/VIEW-{truth,render}.png`
@@ -72,7 +74,7 @@ pub fn write_results(folder: &Path, evaluation: &Evaluation) -> Result<(), Write
     let summary: &Summary = &evaluation.summary;
     write("views.csv", to_csv(&evaluation.views).as_bytes())?;
     write("mean.json", &versioned::to_json_pretty(summary).map_err(WriteError::at(folder))?)?;
-    write("psnr-over-time.svg", psnr_over_time(evaluation).as_bytes())?;
+    write("psnr-over-time.svg", headline_over_time(evaluation).as_bytes())?;
     if let Some(sheet) = &evaluation.sheet {
         write("contact-sheet.png", &encode_png(sheet).map_err(WriteError::at(folder))?)?;
     }

@@ -86,6 +86,13 @@ fn check_distance(flag: &str, distance: f64, half_size: f64) -> Result<(), RunEr
     Err(RunError::input(format!("{flag}: {problem}; choose a distance from the centre of {near:.1e} to {far:.1e}")))
 }
 
+/// Frame `n` of a split's views, by which `what` means one.
+fn frame<'a>(json: &'a Transforms, n: usize, what: &str) -> Result<&'a FrameRecord, RunError> {
+    let last = json.frames.len().saturating_sub(1);
+    let refused = || RunError::input(format!("{what} {n}: {} has views 0 to {last}", json.path.display()));
+    json.frames.get(n).ok_or_else(refused)
+}
+
 impl OpenRun {
     /// Returns the standard deviation by which drawing widens Gaussians at the scene's centre, in pictures of the size
     /// that it was trained on, scene units: what is measured in space is what was seen.
@@ -131,12 +138,8 @@ impl<S: Trained> OpenRun<S> {
     /// # Errors
     /// If the dataset's file of test views cannot be read, or has no view `n`.
     pub fn test_view(&self, n: usize, lens: Lens) -> Result<(Camera, f64), RunError> {
-        let path = SplitName::Test.json_path(&self.dataset()?);
-        let json = Transforms::read(&path)?.normalised(&self.record.normalisation);
-        let Some(frame) = json.frames.get(n) else {
-            let last = json.frames.len().saturating_sub(1);
-            return Err(RunError::input(format!("--view {n}: {} has views 0 to {last}", path.display())));
-        };
+        let json = SplitName::Test.views(&self.dataset()?)?.normalised(&self.record.normalisation);
+        let frame = frame(&json, n, "--view")?;
         Ok((json.intrinsics.camera(lens.width, lens.height, frame.camera_to_world), frame.time))
     }
 
@@ -145,7 +148,7 @@ impl<S: Trained> OpenRun<S> {
     /// # Errors
     /// If the dataset's file of test views cannot be read.
     pub fn test_views(&self) -> Result<Vec<Placed>, RunError> {
-        let json = Transforms::read(&SplitName::Test.json_path(&self.dataset()?))?;
+        let json = SplitName::Test.views(&self.dataset()?)?;
         let json = json.normalised(&self.record.normalisation);
         let Lens { width, height, .. } = self.record.surroundings.lens;
         let (centre, _) = self.model().place();
@@ -166,13 +169,9 @@ impl<S: Trained> OpenRun<S> {
     /// If the file of test views cannot be read or has no view `n`, or the image cannot be read.
     pub fn test_image(&self, n: usize) -> Result<RgbImage, RunError> {
         let root = self.dataset()?;
-        let path = SplitName::Test.json_path(&root);
-        let json = Transforms::read(&path)?;
-        let Some(frame) = json.frames.get(n) else {
-            let last = json.frames.len().saturating_sub(1);
-            return Err(RunError::input(format!("view {n}: {} has views 0 to {last}", path.display())));
-        };
-        let images = ImageSet::load(&path, &[frame.image_path(&root)], self.config.data.downscale)?;
+        let json = SplitName::Test.views(&root)?;
+        let frame = frame(&json, n, "view")?;
+        let images = ImageSet::load(&json.path, &[frame.image_path(&root)], self.config.data.downscale)?;
         let pixels = images.composite_with_alpha(0, self.model().background());
         Ok(to_rgb8(&pixels, images.width as usize, images.height as usize))
     }

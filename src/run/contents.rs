@@ -5,6 +5,7 @@ use super::status::status;
 use crate::eval::results::KIND;
 use crate::eval::run::Summary;
 use crate::files::{RunPaths, read_text};
+use crate::metrics::metric::headline;
 use crate::model::scene_file::{SceneError, read_tensors, refuse_not_finite};
 use crate::segment::masks::MaskReader;
 use crate::segment::segmentation::{Segment, Segmentation};
@@ -170,9 +171,10 @@ impl Contents {
                 |text: String| versioned::from_json::<Summary>(text).map_err(|e| format!("{}: {e}", path.display()));
             let summary = text.and_then(read).map(|summary| {
                 if folder.file_name() == "test" {
-                    self.test_psnr = Some(summary.psnr);
+                    self.test_psnr = Some(summary.metrics.headline()).filter(|psnr| !psnr.is_nan());
                 }
-                format!("PSNR {:.2} dB on {} views of the {} split", summary.psnr, summary.views, summary.split)
+                let (name, value) = (headline().short, summary.metrics.headline_text());
+                format!("{name} {value} on {} views of the {} split", summary.views, summary.split)
             });
             self.add(run, &path, summary);
         }

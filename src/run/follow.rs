@@ -2,7 +2,7 @@
 
 use super::selection::Selection;
 use super::{OpenRun, RunError};
-use crate::data::{Calibration, Camera, SplitName, Transforms};
+use crate::data::{Calibration, Camera, SplitName};
 use crate::memory::{Budget, product};
 use crate::model::ToKernel;
 use crate::name::Name;
@@ -192,7 +192,7 @@ fn follow_all(
 
 /// The times in [0, 1] with training views, ascending; none if the run's dataset is no longer there.
 fn trained_times(run: &OpenRun) -> Vec<f64> {
-    let views = run.dataset().ok().and_then(|data| Transforms::read(&SplitName::Train.json_path(&data)).ok());
+    let views = run.dataset().ok().and_then(|data| SplitName::Train.views(&data).ok());
     let mut times: Vec<f64> = views.iter().flat_map(|views| &views.frames).map(|frame| frame.time).collect();
     times.sort_by(f64::total_cmp);
     times.dedup();

@@ -6,7 +6,8 @@ use crate::data::{Dataset, OpenOptions, Split, SplitName};
 use crate::eval::results::{DataId, results_folder, write_results};
 use crate::eval::run::{Costs, Evaluation, Sample, evaluate};
 use crate::files::{FolderKind, WriteError};
-use crate::metrics::lpips::Lpips;
+use crate::metrics::metric::Networks;
+use crate::metrics::values::MetricValues;
 use crate::train::{open_trained, trained_times};
 use crate::user_error::UserError;
 use std::path::{Path, PathBuf};
@@ -97,18 +98,18 @@ impl MeasuredOn {
 }
 
 /// Evaluates the run on `split` and, if `split` is not the training views and the data is the run's own, on a sample of
-/// the training views; writes the results into `folder`. `progress` receives the number of views done and the PSNR of
-/// the last one in decibels.
+/// the training views; writes the results into `folder`. `progress` receives the number of views done and the metrics of
+/// the last one.
 ///
 /// # Errors
 /// If images are too small for a metric, weights do not match them, or the results cannot be written.
 pub fn measure(
     run: &AnyRun,
     split: &Split,
-    networks: &[Lpips],
+    networks: &Networks,
     on: &MeasuredOn,
     folder: &Path,
-    progress: impl FnMut(usize, f64),
+    progress: impl FnMut(usize, &MetricValues),
 ) -> Result<Evaluation, RunError> {
     let model = std::fs::metadata(&run.scene_path)
         .map_err(|e| RunError::failure(format!("{}: {e}", run.scene_path.display())))?;

@@ -4,7 +4,7 @@ use super::SweepError;
 use super::file::{DataSource, SweepFile, SyntheticSpec};
 use super::key::short_hash;
 use crate::data::dataset::measured_fingerprint;
-use crate::data::{Dataset, OpenOptions, SplitName, Transforms, Truth};
+use crate::data::{Dataset, OpenOptions, SplitName, Truth};
 use crate::log::progress;
 use crate::prepare::views::{Times, ViewOptions};
 use crate::prepare::{
@@ -77,7 +77,7 @@ pub(super) fn datasets(
                     let json = SplitName::Test.json_path(folder);
                     return Err(bad(&format!("{} is missing; runs are measured on test views", json.display())));
                 }
-                let test = Transforms::read(&SplitName::Test.json_path(folder)).map_err(|e| bad(&e))?;
+                let test = SplitName::Test.views(folder).map_err(|e| bad(&e))?;
                 DataPlan {
                     folder: std::fs::canonicalize(folder).map_err(|e| bad(&e))?,
                     views: dataset.train.frames.len(),

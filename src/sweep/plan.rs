@@ -14,7 +14,7 @@ use super::file::{EvalSpec, HalvingSpec, SweepFile, name_of};
 use super::key::{key, recipe, short_hash};
 use super::resolve::{Base, Resolved};
 use crate::compare::PaperTable;
-use crate::compare::metric::metric;
+use crate::compare::metric;
 use crate::eval::segments::SegmentOptions;
 use crate::memory::Budget;
 use crate::method;
@@ -163,12 +163,8 @@ impl Plan {
         let baseline = baseline(&file, &variants)?;
         check_paper(&file, &variants)?;
         let datasets = datasets(&file, &options.data, &options.out)?;
-        if let Some(unknown) = file
-            .metrics
-            .iter()
-            .find(|m| metric(m).is_none() && !crate::eval::metric::registered().iter().any(|(name, _)| name == *m))
-        {
-            let known: Vec<&str> = crate::compare::metric::METRICS.iter().map(|m| m.id).collect();
+        let known = metric::known();
+        if let Some(unknown) = file.metrics.iter().find(|m| !known.contains(m)) {
             let problem = format!("unknown metric \"{unknown}\"; available: {}", known.join(", "));
             return Err(file.wrong("metrics", problem));
         }
@@ -220,8 +216,10 @@ impl Plan {
             check_truth(&plan.datasets, &file)?;
         }
         if plan.metrics.is_empty() {
-            let default = if has_segments { SEGMENT_METRICS } else { TRAIN_METRICS };
-            plan.metrics = default.iter().map(|m| (*m).to_owned()).collect();
+            plan.metrics = match has_segments {
+                true => metric::default_columns(&["iou_3d", "iou"], &[]),
+                false => metric::default_columns(&[], &["training_minutes"]),
+            };
         }
         if let Some(halving) = &plan.halving {
             check_halving(halving, &plan).map_err(|e| file.wrong("halving", e))?;
@@ -332,9 +330,6 @@ impl Plan {
         Ok(Self { runs_folder, ..plan })
     }
 }
-
-const TRAIN_METRICS: &[&str] = &["psnr", "ssim", "lpips_alex", "training_minutes"];
-const SEGMENT_METRICS: &[&str] = &["iou_3d", "iou", "psnr", "ssim", "lpips_alex"];
 
 /// What has been placed in a plan already.
 #[derive(Default)]

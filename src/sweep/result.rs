@@ -5,6 +5,7 @@ use super::plan::Plan;
 use crate::compare::curves;
 use crate::eval::segments::SegmentOptions;
 use crate::files::{read_text, write_atomic};
+use crate::metrics::METRICS;
 use crate::program;
 use crate::versioned::{self, VersionedError};
 use serde::de::{DeserializeOwned, IgnoredAny};
@@ -52,9 +53,9 @@ pub fn metrics_path(plan: &Plan, index: usize) -> PathBuf {
 /// Like [`metrics_path`], but in `folder`.
 #[must_use]
 pub fn metrics_in(plan: &Plan, index: usize, folder: &Path) -> PathBuf {
-    // when further metrics are registered, everything is measured again
-    let registered: String =
-        crate::eval::metric::registered().into_iter().map(|(name, _)| format!(" {name}")).collect();
+    // when a program adds metrics, everything is measured again
+    let added = METRICS.names().into_iter().filter(|name| !METRICS.is_built_in(name));
+    let registered: String = added.map(|name| format!(" {name}")).collect();
     let weights = plan.contents.of_lpips(&plan.eval.lpips_weights);
     let text = text_of(&plan.eval) + &registered + measured_on(plan, index) + &weights;
     folder.join(format!("metrics-{}.json", short_hash(&text)))

@@ -13,6 +13,7 @@ use crate::device::DeviceName;
 use crate::eval::segments::{self, SegmentOptions};
 use crate::files::{AtomicDir, LockError, RunLock, RunPaths, Work};
 use crate::metrics::lpips::Lpips;
+use crate::metrics::metric::Networks;
 use crate::run::measure::{MeasuredOn, measure};
 use crate::run::{AnyRun, OpenRun};
 use crate::train::run::{RunContext, RunOptions, RunRecord, Start};
@@ -120,8 +121,7 @@ impl Worker<'_> {
             return Ok(Ended::Interrupted);
         }
         let trained = AnyRun::open_any(self.folder, &device).map_err(failed("eval"))?;
-        let load = |path: &std::path::PathBuf| Lpips::load(path, &device).map_err(failed("eval"));
-        let networks = self.plan.eval.lpips_weights.iter().map(load).collect::<Result<Vec<_>, _>>()?;
+        let networks = Networks::load(&self.plan.eval.lpips_weights, &device).map_err(failed("eval"))?;
         if read_metrics(&metrics_path(self.plan, self.index)).is_none() {
             self.measure(&config, &data.folder, &trained, &networks)?;
         }
@@ -133,7 +133,7 @@ impl Worker<'_> {
             if self.stop.load(Ordering::Relaxed) {
                 return Ok(Ended::Interrupted);
             }
-            self.segments(spec, config.seed, &data.folder, &trained, &networks)?;
+            self.segments(spec, config.seed, &data.folder, &trained, networks.lpips())?;
         }
         Ok(Ended::Done)
     }
@@ -185,7 +185,7 @@ impl Worker<'_> {
         })
     }
 
-    fn measure(&self, config: &Config, data: &Path, trained: &AnyRun, networks: &[Lpips]) -> Result<(), Failure> {
+    fn measure(&self, config: &Config, data: &Path, trained: &AnyRun, networks: &Networks) -> Result<(), Failure> {
         let split = open_measured(data, SplitName::Test, config, self.plan.eval.views, None);
         let split = split.map_err(failed("eval"))?;
         let on = MeasuredOn::open(trained, Some(data), SplitName::Test).map_err(failed("eval"))?;

@@ -2,6 +2,7 @@
 //! and `package.json` are for checks and tests only.
 
 use super::jobs::task::mask_sources;
+use crate::export::exporters::Exporter;
 use std::borrow::Cow;
 
 /// A file of the page.
@@ -38,21 +39,28 @@ pub const FILES: [PageFile; 3] = files![
     "/icon.svg" "image/svg+xml" "icon.svg",
 ];
 
-/// Returns the bytes of one of the [`FILES`] as it is sent: the page lists the mask sources that can be chosen.
-#[must_use]
+/// Where `index.html` lists the mask sources.
+const MASK_SOURCES: &str = "<!-- mask sources -->";
+/// Where it lists what can be exported.
+const FORMATS: &str = "<!-- formats -->";
+
+/// Returns the bytes of a file as it is sent: `index.html` lists the mask sources and the formats that there are.
 pub fn filled(file: &PageFile) -> Cow<'static, [u8]> {
     let text = match std::str::from_utf8(file.bytes) {
-        Ok(text) if text.contains(MASK_SOURCES) => text,
+        Ok(text) if file.path == "/" => text,
         _ => return Cow::Borrowed(file.bytes),
     };
-    // the names consist of letters, digits, `-` and `_`
-    let option = |name: String| format!("<option value=\"{name}\">{name}</option>");
-    let options: String = mask_sources().into_iter().map(option).collect();
-    Cow::Owned(text.replace(MASK_SOURCES, &options).into_bytes())
+    // names and extensions consist of letters, digits, `-` and `_`
+    let option = |value: &str, words: &str| format!("<option value=\"{value}\">{words}</option>");
+    let sources: String = mask_sources().iter().map(|name| option(name, name)).collect();
+    let format = |exporter: &Exporter| {
+        let content = if exporter.holds_gaussians() { "Gaussians" } else { exporter.labels().map(|_| "labels")? };
+        let extension = exporter.extension;
+        Some(option(extension, &format!("{content} ({})", extension.to_uppercase())))
+    };
+    let formats: String = Exporter::all().into_iter().filter_map(format).collect();
+    Cow::Owned(text.replace(MASK_SOURCES, &sources).replace(FORMATS, &formats).into_bytes())
 }
-
-/// Where the page lists the mask sources.
-const MASK_SOURCES: &str = "<!-- mask sources -->";
 
 /// The modules of the page's script.
 pub const MODULES: [PageFile; 33] = modules![
@@ -102,9 +110,13 @@ mod tests {
     }
 
     #[test]
-    fn the_page_lists_the_mask_sources() {
+    fn the_page_lists_mask_sources_and_formats() {
         let page = String::from_utf8(filled(&FILES[0]).into_owned()).unwrap();
         assert!(page.contains("<option value=\"labels\">labels</option>") && !page.contains(MASK_SOURCES));
+        let list = page.split("<select id=\"export-format\">").nth(1).unwrap().split("</select>").next().unwrap();
+        assert!(list.starts_with("<option value=\"ply\">Gaussians (PLY)</option>"), "{list}");
+        assert!(list.ends_with("<option value=\"vti\">labels (VTI)</option>"), "{list}");
+        assert_eq!(list.matches("<option").count(), 4, "{list}");
     }
 
     #[test]

@@ -6,6 +6,7 @@ use volseggs::config::types::Config;
 use volseggs::draw::plot::{Series, line_plot, line_plot_log_y};
 use volseggs::edit::EditStack;
 use volseggs::export::ply;
+use volseggs::export::splat_file::SplatFileOptions;
 use volseggs::log::jsonl::{JsonlWriter, truncate_after};
 use volseggs::model::HostGaussians;
 use volseggs::sweep::result::live_psnr;
@@ -182,7 +183,7 @@ fn ply() {
                 shading: None,
                 embedding: None,
             };
-            ply::write(&gaussians, &path, &ply::PlyOptions::default()).unwrap();
+            ply::write(&gaussians, &path, &SplatFileOptions::default()).unwrap();
             std::fs::read(&path).unwrap()
         });
         let scratch = scratch.clone();

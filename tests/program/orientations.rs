@@ -8,10 +8,11 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
 use volseggs::device::DeviceName;
+use volseggs::export::labels::{write_nrrd, write_vti};
 use volseggs::prepare::views::{Times, ViewOptions};
 use volseggs::prepare::{FileLabels, PrepareOptions, PrepareRecord, SegmentOptions, SegmentSteps, Source, prepare};
 use volseggs::run::OpenRun;
-use volseggs::run::export::{LabelFormat, write_labels};
+use volseggs::run::export::write_labels;
 use volseggs::run::labels::{LabelPlan, Labels};
 use volseggs::volume::directions::Directions;
 use volseggs::volume::grid::Grid;
@@ -242,8 +243,8 @@ fn labels_are_index_for_index_on_volumes_in_every_orientation() {
             let labels = Labels::new(&run, &LabelPlan::default()).unwrap();
             let ids = labels.at(0.0).unwrap().ids;
             let written = root.join(format!("{}-{extension}.{labels_extension}", stored.name));
-            let format = if extension == "vti" { LabelFormat::Vti } else { LabelFormat::Nrrd(None) };
-            write_labels(&written, &labels, &ids, false, format).unwrap();
+            let format = if extension == "vti" { write_vti } else { write_nrrd };
+            write_labels(&written, &labels, &ids, false, format, None).unwrap();
             let read = series(&written);
             let off =
                 (read.grid().steps() - grid.steps()).to_cols_array().into_iter().map(f64::abs).fold(0.0, f64::max);

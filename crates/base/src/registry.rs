@@ -78,6 +78,11 @@ impl<T: ?Sized + 'static> Registry<T> {
         self.all().into_iter().map(|(name, _)| name).collect()
     }
 
+    /// The names of the built-in entries, in the table's order, whether a program has replaced them or not.
+    pub fn built_in_names(&self) -> impl Iterator<Item = &'static str> {
+        self.built_in.iter().map(|(name, _)| *name)
+    }
+
     /// Whether the entry of that name is a built-in one that no program has replaced.
     pub fn is_built_in(&self, name: &str) -> bool {
         let is_added = self.added.read().unwrap_or_else(PoisonError::into_inner).contains_key(name);
@@ -123,6 +128,7 @@ mod tests {
             [("z", "last letter"), ("b", "replaced"), ("a", "added")]
         );
         assert!(!registry.is_built_in("b"));
+        assert_eq!(registry.built_in_names().collect::<Vec<_>>(), ["z", "b"]);
     }
 
     #[test]

@@ -10,4 +10,4 @@ pub mod data;
 pub mod prepare;
 pub mod volume;
 
-use volseggs_base::{draw, files, memory, name, nesting, points, rng, tensors, user_error, versioned, words};
+use volseggs_base::{draw, files, memory, name, nesting, points, registry, rng, tensors, user_error, versioned, words};

@@ -1,8 +1,9 @@
 //! `volseggs export --fields`: fields of the scene on the voxels of the volume.
 
 use super::super::{CliError, print_json};
-use super::{ExportArgs, Format};
-use crate::export::fields::{FieldVolume, write_npy, write_nrrd, write_vti};
+use super::ExportArgs;
+use crate::export::exporters::FieldWriter;
+use crate::export::fields::FieldVolume;
 use crate::log::progress;
 use crate::run::OpenRun;
 use crate::run::export::{Output, Record};
@@ -13,7 +14,13 @@ use serde_json::json;
 ///
 /// # Errors
 /// If the voxels are unknown, or a file cannot be written.
-pub(super) fn run(args: &ExportArgs, run: &OpenRun, kinds: &[FieldKind], format: Format) -> Result<(), CliError> {
+pub(super) fn run(
+    args: &ExportArgs,
+    run: &OpenRun,
+    kinds: &[FieldKind],
+    extension: &'static str,
+    write: FieldWriter,
+) -> Result<(), CliError> {
     let options = &args.labels;
     if let Some(flag) = options.for_labels_only() {
         return Err(CliError::input(format!("{flag}: only for labels; omit it, or omit --fields")));
@@ -27,11 +34,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, kinds: &[FieldKind], format:
     fields.notes.iter().for_each(|note| errln!("note: {note}"));
     let mut needed = vec![run.path.as_path(), fields.data.as_path()];
     needed.extend(plan.like.as_deref());
-    let extension = format.extension();
-    let output = match args.frames {
-        Some(_) => Output::folder(out, extension, &needed)?,
-        None => Output::file(out, extension, &needed)?,
-    };
+    let output = Output::new(out, extension, args.frames.is_some(), &needed)?;
     let known = &fields.calibration;
     let bar = progress::bar(times.len(), "times");
     let (mut files, mut channels) = (Vec::new(), Vec::new());
@@ -47,11 +50,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, kinds: &[FieldKind], format:
             edited: plan.edited,
         };
         let (path, name) = output.place(i);
-        match format {
-            Format::Vti => write_vti(&path, &volume),
-            Format::Nrrd => write_nrrd(&path, &volume),
-            _ => write_npy(&path, &volume),
-        }?;
+        write(&path, &volume)?;
         channels = volume.channels();
         files.push(name.display().to_string());
         bar.inc(1);

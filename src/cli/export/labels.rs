@@ -5,9 +5,10 @@ use super::super::values::fraction_f32;
 use super::super::{CliError, print_json};
 use super::ExportArgs;
 use crate::data::calibration::AxisConvention;
+use crate::export::exporters::LabelWriter;
 use crate::log::progress;
 use crate::run::OpenRun;
-use crate::run::export::{LabelFormat, Output, Record, write_labels};
+use crate::run::export::{Output, Record, write_labels};
 use crate::run::fields::FieldPlan;
 use crate::run::labels::{Agreement, LabelPlan, Labelled, Labels, Truth};
 use crate::segment::dice::Confusion;
@@ -77,7 +78,7 @@ impl LabelArgs {
     }
 
     /// The meaning of the axes of space that the file states, if chosen.
-    pub(super) fn space(&self) -> Option<Option<AxisConvention>> {
+    fn space(&self) -> Option<Option<AxisConvention>> {
         self.space.map(|name| match name {
             SpaceName::Lps => Some(AxisConvention::LeftPosteriorSuperior),
             SpaceName::Ras => Some(AxisConvention::RightAnteriorSuperior),
@@ -150,9 +151,15 @@ struct Written {
 ///
 /// # Errors
 /// If the segments, voxels or ground truth cannot be used, or a file cannot be written.
-pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Result<(), CliError> {
-    let options = &args.labels;
-    if options.space.is_some() && !matches!(format, LabelFormat::Nrrd(_)) {
+pub(super) fn run(
+    args: &ExportArgs,
+    run: &OpenRun,
+    extension: &'static str,
+    write: LabelWriter,
+    states_space: bool,
+) -> Result<(), CliError> {
+    let (options, space) = (&args.labels, args.labels.space());
+    if options.space.is_some() && !states_space {
         return Err(CliError::input("--space: only NRRD files store it; omit it, or write .nrrd"));
     }
     let labels = Labels::new(run, &options.plan(args.shown.segments.clone()))?;
@@ -170,14 +177,14 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Resu
     let mut needed = vec![run.path.as_path(), labels.data.as_path()];
     needed.extend(options.like.as_deref());
     needed.extend(truth.iter().flat_map(Truth::files));
-    let output = output(args, run, format, &needed)?;
+    let output = output(args, run, extension, &needed)?;
     let bar = progress::bar(times.len(), "times");
     let mut volumes = Vec::with_capacity(times.len());
     let mut whole = Confusion::default();
     for (i, &time) in times.iter().enumerate() {
         let Labelled { ids, shares } = labels.at(time)?;
         let (path, name) = output.place(i);
-        write_labels(&path, &labels, &ids, options.edited, format)?;
+        write_labels(&path, &labels, &ids, options.edited, write, space)?;
         let mut agreement = None;
         if let Some(truth) = &truth {
             let pairs = Confusion::new(&truth.at(time)?, &ids).map_err(CliError::failure)?;
@@ -195,9 +202,9 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Resu
         bar.inc(1);
     }
     bar.finish_and_clear();
-    output.finish(&Record::new(run, format.extension(), &times, options.edited, &labels.names), &needed)?;
+    output.finish(&Record::new(run, extension, &times, options.edited, &labels.names), &needed)?;
     let agreement = truth.map(|truth| truth.agreement(&whole, &labels.names));
-    let (Grid { dims, spacing, origin, directions }, axes) = labels.grid.stated(format.space());
+    let (Grid { dims, spacing, origin, directions }, axes) = labels.grid.stated(space);
     let (orientation, unit) = (directions.code(axes), labels.grid.unit.clone());
     let labels = labels.listed.iter().map(|l| Label { value: l.value, name: l.name.clone() }).collect();
     let edited = options.edited;
@@ -207,12 +214,10 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: LabelFormat) -> Resu
 }
 
 /// The given output path, or one in `RUN/labels`, which is created.
-fn output(args: &ExportArgs, run: &OpenRun, format: LabelFormat, needed: &[&Path]) -> Result<Output, CliError> {
-    let extension = format.extension();
+fn output(args: &ExportArgs, run: &OpenRun, extension: &'static str, needed: &[&Path]) -> Result<Output, CliError> {
     let many = args.frames.is_some();
     Ok(match &args.out {
-        Some(out) if many => Output::folder(out, extension, needed)?,
-        Some(out) => Output::file(out, extension, needed)?,
+        Some(out) => Output::new(out, extension, many, needed)?,
         None => Output::within(&run.paths().labels(), "labels", extension, many, needed)?,
     })
 }

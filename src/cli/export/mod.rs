@@ -9,14 +9,17 @@ use super::shown::ShownArgs;
 use super::time::TimeArg;
 use super::values::count;
 use super::{CliError, Common, command_line};
+use crate::export::exporters::{Content, Exporter};
 use crate::files::Work;
 use crate::memory::{Budget, product};
 use crate::run::OpenRun;
-use crate::run::export::{LabelFormat, SplatFormat, Units};
+use crate::run::export::Units;
 use crate::run::fields::FieldKind;
+use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
 use labels::LabelArgs;
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 /// Bytes per entry of the list of files.
 const FILE_BYTES: usize = 512;
@@ -73,18 +76,19 @@ pub struct ExportArgs {
     labels: LabelArgs,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Format {
-    /// Binary PLY in the 3DGS layout.
-    Ply,
-    /// Niantic's compressed splats, about a fifth of a PLY.
-    Spz,
-    /// Labels of segments or fields on voxels, for 3D Slicer and others.
-    Nrrd,
-    /// Labels of segments or fields on voxels, for VTK and ParaView.
-    Vti,
-    /// Fields on voxels, for NumPy.
-    Npy,
+/// An exporter as a value of --format.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Format(&'static Exporter);
+
+impl ValueEnum for Format {
+    fn value_variants<'a>() -> &'a [Self] {
+        static ALL: LazyLock<Vec<Format>> = LazyLock::new(|| Exporter::all().into_iter().map(Format).collect());
+        &ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(self.0.extension).help(self.0.description))
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -95,21 +99,18 @@ enum UnitsArg {
     Physical,
 }
 
-impl Format {
-    /// The format of a file with this name.
-    fn of(path: &Path) -> Option<Self> {
-        let extension = path.extension()?.to_str()?.to_ascii_lowercase();
-        [Self::Ply, Self::Spz, Self::Nrrd, Self::Vti, Self::Npy].into_iter().find(|f| f.extension() == extension)
-    }
+/// The exporter of a file with this name.
+fn exporter_of(path: &Path) -> Option<&'static Exporter> {
+    Exporter::of_extension(path.extension()?.to_str()?)
+}
 
-    fn extension(self) -> &'static str {
-        match self {
-            Self::Ply => SplatFormat::Ply.extension(),
-            Self::Spz => SplatFormat::Spz.extension(),
-            Self::Nrrd => LabelFormat::Nrrd(None).extension(),
-            Self::Vti => LabelFormat::Vti.extension(),
-            Self::Npy => "npy",
-        }
+/// The endings of these exporters' files as words: `.ply, .spz or .vti`.
+fn endings<'a>(exporters: impl IntoIterator<Item = &'a Exporter>) -> String {
+    let of = |exporter: &'a Exporter| std::iter::once(&exporter.extension).chain(exporter.endings);
+    let all: Vec<String> = exporters.into_iter().flat_map(of).map(|ending| format!(".{ending}")).collect();
+    match all.split_last() {
+        Some((last, others)) if !others.is_empty() => format!("{} or {last}", others.join(", ")),
+        _ => all.concat(),
     }
 }
 
@@ -119,50 +120,46 @@ impl ExportArgs {
         let run = match (&self.out, self.format, self.frames) {
             _ if self.fields.is_some() => OpenRun::open(&self.run, &device),
             // labels without --out are written into the run
-            (None, Some(Format::Nrrd | Format::Vti), None) => {
-                OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Short)
-            }
-            (None, Some(Format::Nrrd | Format::Vti), Some(_)) => {
-                OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long)
+            (None, Some(Format(exporter)), frames) if exporter.labels().is_some() => {
+                let work = if frames.is_some() { Work::Long } else { Work::Short };
+                OpenRun::open_to_write(&self.run, &device, &command_line(), work)
             }
             _ => OpenRun::open(&self.run, &device),
         }?;
         let run = self.data.of(run)?;
         let format = self.format()?;
         self.check(format)?;
-        match (&self.fields, format) {
-            (Some(kinds), Format::Nrrd | Format::Vti | Format::Npy) => return fields::run(&self, &run, kinds, format),
-            (Some(_), Format::Ply | Format::Spz) => {
-                return Err(CliError::input(
-                    "--fields: are on voxels; end the name of --out in .vti, .nrrd or .npy, or pass --format with a folder",
-                ));
+        match (&self.fields, &format.content) {
+            (Some(kinds), Content::Voxels { fields: Some(write), .. }) => {
+                fields::run(&self, &run, kinds, format.extension, *write)
             }
-            (None, Format::Npy) => {
-                return Err(CliError::input(
-                    "--out: .npy holds fields; add --fields, or end the name in .ply, .nrrd or .vti",
-                ));
+            (Some(_), _) => Err(CliError::input(
+                "--fields: are on voxels; end the name of --out in .vti, .nrrd or .npy, or pass --format with a folder",
+            )),
+            (None, Content::Gaussians { .. }) => splats::run(&self, &run, format),
+            (None, Content::Voxels { labels: Some(write), states_space, .. }) => {
+                labels::run(&self, &run, format.extension, *write, *states_space)
             }
-            (None, _) => {}
-        }
-        match format {
-            Format::Ply => splats::run(&self, &run, SplatFormat::Ply),
-            Format::Spz => splats::run(&self, &run, SplatFormat::Spz),
-            Format::Nrrd => labels::run(&self, &run, LabelFormat::Nrrd(self.labels.space())),
-            Format::Vti | Format::Npy => labels::run(&self, &run, LabelFormat::Vti),
+            (None, Content::Voxels { .. }) => Err(CliError::input(format!(
+                "--out: .{} holds fields; add --fields, or end the name in .ply, .nrrd or .vti",
+                format.extension
+            ))),
         }
     }
 
     /// Rejects options that are not for this format.
-    fn check(&self, format: Format) -> Result<(), CliError> {
-        let splats = matches!(format, Format::Ply | Format::Spz);
+    fn check(&self, format: &Exporter) -> Result<(), CliError> {
+        let splats = format.holds_gaussians();
         for (flag, given) in [("--refit", self.refit.is_some()), ("--units", self.units.is_some())] {
             if given && !splats {
                 return Err(CliError::input(format!(
-                    "{flag}: only for Gaussians; end the name of --out in .ply or .spz"
+                    "{flag}: only for Gaussians; end the name of --out in {}",
+                    endings(Exporter::all().into_iter().filter(|e| e.holds_gaussians()))
                 )));
             }
         }
-        if self.sh_degree.is_some() && format != Format::Ply {
+        let has_degree = matches!(format.content, Content::Gaussians { has_sh_degree: true, .. });
+        if self.sh_degree.is_some() && !has_degree {
             return Err(CliError::input(
                 "--sh-degree: only for .ply; .spz files hold the degree of the scene's colours",
             ));
@@ -184,12 +181,12 @@ impl ExportArgs {
     }
 
     /// The format, from --format and from the extension of --out, which must agree.
-    fn format(&self) -> Result<Format, CliError> {
-        let format = format_for(self.format, self.out.as_deref(), self.frames.is_some());
+    fn format(&self) -> Result<&'static Exporter, CliError> {
+        let format = format_for(self.format.map(|format| format.0), self.out.as_deref(), self.frames.is_some());
         // an error about a label flag is more helpful than one about a missing format
-        if let (Ok(Format::Ply | Format::Spz) | Err(_), None | Some(Format::Ply | Format::Spz), Some(flag)) =
-            (&format, self.format, self.labels.given().filter(|_| self.fields.is_none()))
-        {
+        let may_be_gaussians = format.as_ref().map_or(true, |format| format.holds_gaussians())
+            && self.format.is_none_or(|format| format.0.holds_gaussians());
+        if let (true, Some(flag)) = (may_be_gaussians, self.labels.given().filter(|_| self.fields.is_none())) {
             return Err(CliError::input(format!(
                 "{flag}: only for labels on voxels; pass --format nrrd or --format vti, or end the name of --out in .nrrd or \
                  .vti"
@@ -207,22 +204,23 @@ impl ExportArgs {
 }
 
 /// The format of `out`, which is a folder if there are `many` files.
-fn format_for(asked: Option<Format>, out: Option<&Path>, many: bool) -> Result<Format, String> {
+fn format_for(asked: Option<&'static Exporter>, out: Option<&Path>, many: bool) -> Result<&'static Exporter, String> {
     let shown = out.unwrap_or(Path::new("")).display();
-    match (asked, out, out.and_then(Format::of)) {
+    match (asked, out, out.and_then(exporter_of)) {
         (_, Some(_), Some(ending)) if many => Err(format!(
             "--out {shown}: must be a folder with --frames; omit the extension, and pass --format {}",
-            ending.extension()
+            ending.extension
         )),
         (Some(asked), _, Some(ending)) if asked != ending => Err(format!(
             "--format {}: does not agree with --out {shown}; omit --format, or end the name in .{0}",
-            asked.extension()
+            asked.extension
         )),
         (Some(asked), _, _) => Ok(asked),
         (None, _, Some(ending)) => Ok(ending),
-        (None, Some(_), None) if many => Ok(Format::Ply),
+        (None, Some(_), None) if many => Ok(Exporter::all()[0]),
         (None, Some(_), None) => Err(format!(
-            "--out {shown}: the extension names no format; use .ply, .spz, .nrrd, .seg.nrrd, .vti or .npy, or pass --format"
+            "--out {shown}: the extension names no format; use {}, or pass --format",
+            endings(Exporter::all())
         )),
         (None, None, _) => Err("--out: give the file to write, such as --out scene.ply; or pass --format nrrd or \
                                 --format vti for labels in RUN/labels"
@@ -236,22 +234,25 @@ mod tests {
 
     #[test]
     fn the_format_follows_from_the_ending() {
-        use Format::{Nrrd, Ply, Spz, Vti};
+        let [ply, spz, nrrd, vti] = ["ply", "spz", "nrrd", "vti"].map(|e| Exporter::of_extension(e).unwrap());
         let file = |asked, out: &str| format_for(asked, Some(Path::new(out)), false);
-        for (out, format) in [("a.ply", Ply), ("b.spz", Spz), ("a.NRRD", Nrrd), ("a/b.seg.nrrd", Nrrd), ("a.vti", Vti)]
+        for (out, format) in [("a.ply", ply), ("b.spz", spz), ("a.NRRD", nrrd), ("a/b.seg.nrrd", nrrd), ("a.vti", vti)]
         {
             assert_eq!((file(None, out), file(Some(format), out)), (Ok(format), Ok(format)), "{out}");
         }
-        assert!(file(Some(Vti), "lab.nrrd").unwrap_err().contains("--format vti: does not agree with --out lab.nrrd"));
-        assert!(file(Some(Ply), "scene.vti").is_err());
+        assert!(file(Some(vti), "lab.nrrd").unwrap_err().contains("--format vti: does not agree with --out lab.nrrd"));
+        assert!(file(Some(ply), "scene.vti").is_err());
         for out in ["scene", "scene.obj", ".ply"] {
-            assert!(file(None, out).unwrap_err().contains(".seg.nrrd"), "{out}");
-            assert_eq!(file(Some(Ply), out), Ok(Ply), "{out}");
+            assert!(
+                file(None, out).unwrap_err().contains("use .ply, .spz, .nrrd, .seg.nrrd, .vti or .npy, or pass"),
+                "{out}"
+            );
+            assert_eq!(file(Some(ply), out), Ok(ply), "{out}");
         }
         let folder = |asked, out: &str| format_for(asked, Some(Path::new(out)), true);
-        assert_eq!((folder(None, "plys"), folder(Some(Vti), "plys")), (Ok(Ply), Ok(Vti)));
+        assert_eq!((folder(None, "plys"), folder(Some(vti), "plys")), (Ok(ply), Ok(vti)));
         assert!(folder(None, "x.vti").unwrap_err().contains("--format vti"));
-        assert_eq!(format_for(Some(Nrrd), None, true), Ok(Nrrd));
+        assert_eq!(format_for(Some(nrrd), None, true), Ok(nrrd));
         assert!(format_for(None, None, false).unwrap_err().contains("--out scene.ply"));
     }
 }

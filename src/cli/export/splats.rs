@@ -1,14 +1,15 @@
-//! `volseggs export` of Gaussians to PLY and SPZ.
+//! `volseggs export` of Gaussians to files of other programs.
 
 use super::super::{CliError, print_json, stop_flag};
 use super::ExportArgs;
 use crate::data::Calibration;
 use crate::data::calibration::PhysicalSpace;
+use crate::export::exporters::Exporter;
 use crate::export::ply::MAX_SH_DEGREE;
 use crate::log::progress;
 use crate::model::Rendering;
 use crate::run::OpenRun;
-use crate::run::export::{MEASURED, Output, Record, Refit, RefitPlan, SplatFormat, SplatPlan, Units, write_splats};
+use crate::run::export::{MEASURED, Output, Record, Refit, RefitPlan, SplatPlan, Units, write_splats};
 use std::sync::atomic::Ordering;
 use volseggs_kernels::splat::DILATION;
 
@@ -16,19 +17,15 @@ use volseggs_kernels::splat::DILATION;
 ///
 /// # Errors
 /// If there is no output path, nothing to write, or a file cannot be written.
-pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: SplatFormat) -> Result<(), CliError> {
+pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: &'static Exporter) -> Result<(), CliError> {
     let Some(out) = &args.out else {
         return Err(CliError::input("--out: give the file to write, such as --out scene.ply"));
     };
     let shown = args.shown.select(run)?;
     let times = args.times(run)?;
     let needed = [run.path.as_path()];
-    let extension = format.extension();
-    let output = if args.frames.is_some() {
-        Output::folder(out, extension, &needed)
-    } else {
-        Output::file(out, extension, &needed)
-    }?;
+    let extension = format.extension;
+    let output = Output::new(out, extension, args.frames.is_some(), &needed)?;
     let plan = SplatPlan {
         format,
         units: args.units(run)?,

@@ -4,6 +4,8 @@ use super::{CliError, folder, results};
 use crate::cli::values::count;
 use crate::cli::{print_json, stop_flag};
 use crate::durations::duration;
+use crate::metrics::METRICS;
+use crate::metrics::metric::Networks;
 use crate::program::{self, short};
 use crate::shell;
 use crate::sweep::builds::{OtherBuilds, tally};
@@ -76,7 +78,8 @@ impl StartArgs {
         let lpips_weights = weights.collect::<Result<_, _>>()?;
         let options = PlanOptions { out: out.clone(), lpips_weights, elsewhere: self.slurm, ..self.plan.clone() };
         let mut plan = Plan::new(&file, &options)?;
-        if plan.metrics.iter().any(|m| m.starts_with("lpips")) && plan.eval.lpips_weights.is_empty() {
+        let needs_weights = |name: &String| METRICS.get(name).is_ok_and(|m| !m.is_available(&Networks::default()));
+        if plan.metrics.iter().any(needs_weights) && plan.eval.lpips_weights.is_empty() {
             errln!("note: no LPIPS without --lpips-weights FILE (or eval.lpips_weights in the sweep file)");
         }
         let dir = folder(&out, &file);

@@ -1,7 +1,7 @@
 //! Whether variants rank in the paper's order, judged by confidence intervals.
 
 use super::{Row, Table};
-use crate::compare::metric::{Better, Column};
+use crate::compare::metric::{self, Better, Column};
 use crate::compare::places::distinct;
 use crate::compare::results::PaperTable;
 use crate::compare::stats::{Difference, difference, mean};
@@ -91,13 +91,15 @@ fn paper_id(paper: &PaperTable, table: &Table<'_>, at: usize) -> Option<String> 
     if has(ours) {
         return Some(ours.clone());
     }
-    // the paper does not say which network LPIPS uses
-    let networks = ["lpips_alex", "lpips_vgg"];
-    let column = |id: &str| table.metrics.iter().position(|m| m.id == id);
+    // the paper may give the abbreviation alone, such as that of LPIPS without its network
+    let short = &table.metrics[at].short;
+    let alike: Vec<String> = metric::known().into_iter().filter(|id| Column::of(id).short == *short).collect();
+    let column = |id: &String| table.metrics.iter().position(|m| m.id == *id);
     let measured = |at: &usize| table.rows.iter().any(|row| row.cells[*at].n() > 0);
-    let there: Vec<usize> = networks.iter().filter_map(|id| column(id)).collect();
+    let there: Vec<usize> = alike.iter().filter_map(column).collect();
     let chosen = there.iter().copied().find(measured).or(there.first().copied());
-    (has("lpips") && !networks.iter().any(|id| has(id)) && chosen == Some(at)).then(|| "lpips".to_owned())
+    let id = short.to_lowercase();
+    (has(&id) && !alike.iter().any(|id| has(id)) && chosen == Some(at)).then_some(id)
 }
 
 fn ordering(

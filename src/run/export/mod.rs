@@ -12,69 +12,21 @@ use super::labels::Labels;
 use super::selection::Selection;
 use super::{OpenRun, RunError};
 use crate::data::calibration::AxisConvention;
-use crate::export::labels::{LabelVolume, LabelsError, write_nrrd, write_vti};
-use crate::export::splat_file::SplatFileError;
-use crate::export::{ply, spz};
+use crate::export::exporters::{Content, Exporter, LabelWriter};
+use crate::export::labels::{LabelVolume, LabelsError};
+use crate::export::ply::MAX_SH_DEGREE;
+use crate::export::splat_file::{SplatFileError, SplatFileOptions};
 use crate::model::Model;
 use std::path::Path;
-
-/// The format of a file of Gaussians.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SplatFormat {
-    /// That of 3DGS viewers, as exact as the scene.
-    Ply,
-    /// Niantic's, about a fifth of the size.
-    Spz,
-}
-
-impl SplatFormat {
-    /// Returns the file name extension.
-    #[must_use]
-    pub fn extension(self) -> &'static str {
-        match self {
-            Self::Ply => "ply",
-            Self::Spz => "spz",
-        }
-    }
-}
-
-/// The format of a label volume.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LabelFormat {
-    /// For 3D Slicer and others, with the meaning of the axes of space that the file states: that of the data if `None`.
-    Nrrd(Option<Option<AxisConvention>>),
-    /// For VTK and ParaView.
-    Vti,
-}
-
-impl LabelFormat {
-    /// Returns the file name extension.
-    #[must_use]
-    pub fn extension(self) -> &'static str {
-        match self {
-            Self::Nrrd(_) => "nrrd",
-            Self::Vti => "vti",
-        }
-    }
-
-    /// Returns the meaning of the axes of space that was chosen, if any.
-    #[must_use]
-    pub fn space(self) -> Option<Option<AxisConvention>> {
-        match self {
-            Self::Nrrd(space) => space,
-            Self::Vti => None,
-        }
-    }
-}
 
 /// What the files of Gaussians hold.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SplatPlan {
-    /// Their format.
-    pub format: SplatFormat,
+    /// Their format, which is one of Gaussians.
+    pub format: &'static Exporter,
     /// Their coordinates; [`Units::Physical`] only if the run knows the physical space of its data.
     pub units: Units,
-    /// Degree of the harmonics in PLY, see [`ply::PlyOptions::sh_degree`].
+    /// Degree of the harmonics, see [`SplatFileOptions::sh_degree`].
     pub sh_degree: usize,
     /// How they are refitted to how other programs draw them, if so.
     pub refit: Option<RefitPlan>,
@@ -83,9 +35,9 @@ pub struct SplatPlan {
 impl SplatPlan {
     /// Plans files as they are written by default.
     #[must_use]
-    pub fn new(run: &OpenRun, format: SplatFormat) -> Self {
+    pub fn new(run: &OpenRun, format: &'static Exporter) -> Self {
         let refit = RefitPlan::new(run, None);
-        Self { format, units: Units::Scene, sh_degree: ply::MAX_SH_DEGREE, refit }
+        Self { format, units: Units::Scene, sh_degree: MAX_SH_DEGREE, refit }
     }
 
     /// Number of steps in which each file is refitted; 0 as trained.
@@ -126,7 +78,10 @@ pub fn write_splats(
             "nothing to write: no Gaussian is left; see `volseggs edit list`, or pass --no-edits",
         ));
     }
-    if plan.format == SplatFormat::Ply && plan.sh_degree < ply::MAX_SH_DEGREE {
+    let Content::Gaussians { write, log_scales, has_sh_degree } = &plan.format.content else {
+        return Err(RunError::input(format!(".{} holds no Gaussians; write .ply", plan.format.extension)));
+    };
+    if *has_sh_degree && plan.sh_degree < MAX_SH_DEGREE {
         let least = all.baked().sh_degree();
         if plan.sh_degree < least {
             return Err(RunError::input(format!(
@@ -147,14 +102,11 @@ pub fn write_splats(
         }
         let calibration = run.calibration();
         if let (Units::Physical, Some(space)) = (plan.units, &calibration.space) {
-            units::to_physical(&mut at, space, plan.format)?;
+            units::to_physical(&mut at, space, log_scales, plan.format.extension)?;
         }
         let (path, comments) = (output.place(i).0, units::comments(calibration, plan.units, *time));
-        let written = match plan.format {
-            SplatFormat::Ply => ply::write(&at, &path, &ply::PlyOptions { sh_degree: plan.sh_degree, comments }),
-            SplatFormat::Spz => spz::write(&at, &path, &comments),
-        };
-        written.map_err(|e| match e {
+        let options = SplatFileOptions { sh_degree: plan.sh_degree, comments };
+        write(&at, &path, &options).map_err(|e| match e {
             SplatFileError::Replace(e) => e.into(),
             // an edit moved or scaled them beyond what the format holds
             e @ SplatFileError::Shape(_) => RunError::input(format!("{e}; write .ply, or pass --no-edits")),
@@ -169,7 +121,7 @@ pub fn write_splats(
 }
 
 /// Writes the label of each voxel, as returned by [`Labels::at`], to `path`; `edited` says whether they are of the
-/// edited scene.
+/// edited scene, and `space` what the axes of space shall mean that the file states: as in the data if `None`.
 ///
 /// # Errors
 /// If something else is there, or it cannot be written.
@@ -178,15 +130,12 @@ pub fn write_labels(
     labels: &Labels<'_>,
     ids: &[u16],
     edited: bool,
-    format: LabelFormat,
+    write: LabelWriter,
+    space: Option<Option<AxisConvention>>,
 ) -> Result<(), RunError> {
-    let (grid, axes) = labels.grid.stated(format.space());
+    let (grid, axes) = labels.grid.stated(space);
     let volume = LabelVolume { grid, axes, unit: labels.grid.unit.as_deref(), ids, names: &labels.listed, edited };
-    let written = match format {
-        LabelFormat::Vti => write_vti(path, &volume),
-        LabelFormat::Nrrd(_) => write_nrrd(path, &volume),
-    };
-    written.map_err(|e| match e {
+    write(path, &volume).map_err(|e| match e {
         LabelsError::Replace(e) => e.into(),
         e => RunError::failure(e),
     })

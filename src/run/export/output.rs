@@ -3,19 +3,20 @@
 use super::super::{OpenRun, RunError};
 use super::Units;
 use crate::data::Calibration;
+use crate::export::exporters::Exporter;
 use crate::files::{AtomicDir, FolderKind, check_file, same_file};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 /// Name of the record in a folder of exported files.
 const RECORD: &str = "export.json";
 
 /// Kind of a folder of exported files, which the next export may replace.
-const KIND: FolderKind = FolderKind {
-    what: "a folder of exported files",
-    markers: &[RECORD],
-    entries: &["[0-9]*.ply", "[0-9]*.spz", "[0-9]*.nrrd", "[0-9]*.vti", "[0-9]*.npy"],
-};
+static KIND: LazyLock<FolderKind> = LazyLock::new(|| {
+    let entries = Exporter::all().iter().map(|exporter| &*format!("[0-9]*.{}", exporter.extension).leak()).collect();
+    FolderKind { what: "a folder of exported files", markers: &[RECORD], entries: Vec::leak(entries) }
+});
 
 /// What a folder of exported files holds.
 #[derive(Debug, Serialize)]
@@ -96,6 +97,14 @@ impl Output {
         Ok(Self { path: path.to_owned(), extension, folder: Some(folder) })
     }
 
+    /// Creates the destination `path`: a folder if there are `many` files.
+    ///
+    /// # Errors
+    /// As for [`Output::file`] and [`Output::folder`].
+    pub fn new(path: &Path, extension: &'static str, many: bool, needed: &[&Path]) -> Result<Self, RunError> {
+        if many { Self::folder(path, extension, needed) } else { Self::file(path, extension, needed) }
+    }
+
     /// Creates a destination in the `folder` of the run, which is created if missing: the file `name`, or the folder
     /// `frames` if there are `many` files.
     ///
@@ -109,11 +118,8 @@ impl Output {
         needed: &[&Path],
     ) -> Result<Self, RunError> {
         std::fs::create_dir_all(folder).map_err(|e| RunError::failure(format!("{}: {e}", folder.display())))?;
-        if many {
-            Self::folder(&folder.join("frames"), extension, needed)
-        } else {
-            Self::file(&folder.join(format!("{name}.{extension}")), extension, needed)
-        }
+        let name = if many { "frames".to_owned() } else { format!("{name}.{extension}") };
+        Self::new(&folder.join(name), extension, many, needed)
     }
 
     /// Returns the path of the file or folder itself.

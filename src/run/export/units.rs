@@ -1,11 +1,11 @@
 //! Units of exported Gaussians: the scene's coordinates, or those of the data.
 
-use super::SplatFormat;
 use crate::data::Calibration;
 use crate::data::calibration::PhysicalSpace;
 use crate::model::HostGaussians;
 use crate::run::RunError;
 use serde::Serialize;
+use std::ops::RangeInclusive;
 
 /// Coordinates that the Gaussians of a file have.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -18,17 +18,15 @@ pub enum Units {
     Physical,
 }
 
-/// Range of the natural logarithms of standard deviations that SPZ can hold.
-const SPZ_LOG_SCALES: std::ops::RangeInclusive<f32> = -10.0..=5.9375;
-
 /// Moves Gaussians from the scene to the physical `space` of its data. Axes are the same, so nothing is turned.
 ///
 /// # Errors
-/// If `format` cannot hold their sizes there.
+/// If files with this `extension`, which can hold these natural logarithms of sizes, cannot hold those there.
 pub(super) fn to_physical(
     gaussians: &mut HostGaussians,
     space: &PhysicalSpace,
-    format: SplatFormat,
+    holds: &RangeInclusive<f32>,
+    extension: &str,
 ) -> Result<(), RunError> {
     for mean in gaussians.means.chunks_exact_mut(3) {
         let at = space.position([mean[0], mean[1], mean[2]].map(f64::from));
@@ -38,16 +36,15 @@ pub(super) fn to_physical(
     for v in &mut gaussians.log_scales {
         let scene = std::mem::replace(v, (f64::from(*v) + by) as f32);
         // what does not fit in scene units either is rounded in both
-        misfit = misfit.or((SPZ_LOG_SCALES.contains(&scene) && !SPZ_LOG_SCALES.contains(v)).then_some(*v));
+        misfit = misfit.or((holds.contains(&scene) && !holds.contains(v)).then_some(*v));
     }
-    match (format, misfit) {
-        (SplatFormat::Spz, Some(v)) => Err(RunError::input(format!(
-            "--units physical: a standard deviation of {:e} {} is beyond what SPZ can hold; write .ply, or scene units",
-            v.exp(),
-            space.unit_name()
-        ))),
-        _ => Ok(()),
-    }
+    let Some(v) = misfit else { return Ok(()) };
+    let name = extension.to_uppercase();
+    Err(RunError::input(format!(
+        "--units physical: a standard deviation of {:e} {} is beyond what {name} can hold; write .ply, or scene units",
+        v.exp(),
+        space.unit_name()
+    )))
 }
 
 /// Returns what a reader of a file must know of its coordinates and time, as lines of a name and a value.
@@ -93,12 +90,12 @@ mod tests {
     fn gaussians_are_moved_and_enlarged() {
         let mut one = HostGaussians::zeros(1, 1);
         (one.means, one.log_scales) = (vec![0.25, -0.5, 1.0], vec![-3.0, -2.0, 0.0]);
-        to_physical(&mut one, &space(72.0), SplatFormat::Ply).unwrap();
+        to_physical(&mut one, &space(72.0), &(f32::MIN..=f32::MAX), "ply").unwrap();
         assert_eq!(one.means, [1018.0, -41.0, 75.5]);
         for (v, scene) in one.log_scales.iter().zip([-3.0f32, -2.0, 0.0]) {
             assert!((v.exp() / (72.0 * scene.exp()) - 1.0).abs() < 1e-5, "{v}");
         }
-        let error = to_physical(&mut one, &space(1e6), SplatFormat::Spz).unwrap_err();
+        let error = to_physical(&mut one, &space(1e6), &(-10.0..=5.9375), "spz").unwrap_err();
         assert!(error.is_input() && error.to_string().contains("beyond what SPZ can hold"), "{error}");
     }
 

@@ -1,44 +1,17 @@
 //! Files for other programs, as `export` writes them, in the run folder.
 
 use super::board::Reporter;
-use crate::run::export::{LabelFormat, Output, Record, SplatFormat, SplatPlan, write_labels, write_splats};
+use crate::export::exporters::{Exporter, LabelWriter};
+use crate::run::export::{Output, Record, SplatPlan, write_labels, write_splats};
 use crate::run::labels::{LabelPlan, Labels};
 use crate::run::selection::Selection;
 use crate::run::{OpenRun, RunError};
-use schemars::JsonSchema;
-use serde::Deserialize;
 use std::path::Path;
-
-/// A kind of file.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum FileFormat {
-    /// Gaussians, for viewers of 3DGS.
-    Ply,
-    /// Gaussians in a fifth of the bytes.
-    Spz,
-    /// Labels on voxels, for 3D Slicer.
-    Nrrd,
-    /// Labels on voxels, for VTK.
-    Vti,
-}
-
-impl FileFormat {
-    /// Returns the extension of its files.
-    pub fn extension(self) -> &'static str {
-        match self {
-            Self::Ply => SplatFormat::Ply.extension(),
-            Self::Spz => SplatFormat::Spz.extension(),
-            Self::Nrrd => LabelFormat::Nrrd(None).extension(),
-            Self::Vti => LabelFormat::Vti.extension(),
-        }
-    }
-}
 
 /// What to write.
 pub struct Export<'a> {
-    /// Kind of file.
-    pub format: FileFormat,
+    /// Format of the files.
+    pub format: &'static Exporter,
     /// Segments to write; all if empty.
     pub segments: &'a [String],
     /// Whether the edits apply.
@@ -55,19 +28,17 @@ impl Export<'_> {
     /// # Errors
     /// As the functions of [`crate::run`].
     pub fn write(&self, run: &OpenRun, report: &mut Reporter) -> Result<Option<String>, RunError> {
-        match self.format {
-            FileFormat::Ply => self.splats(run, SplatFormat::Ply, report),
-            FileFormat::Spz => self.splats(run, SplatFormat::Spz, report),
-            FileFormat::Nrrd => self.labels(run, LabelFormat::Nrrd(None), report),
-            FileFormat::Vti => self.labels(run, LabelFormat::Vti, report),
+        match self.format.labels() {
+            None => self.splats(run, report),
+            Some(write) => self.labels(run, write, report),
         }
     }
 
-    fn splats(&self, run: &OpenRun, format: SplatFormat, report: &mut Reporter) -> Result<Option<String>, RunError> {
+    fn splats(&self, run: &OpenRun, report: &mut Reporter) -> Result<Option<String>, RunError> {
         let shown = Selection::open(run, self.segments, self.edited)?;
         let output = self.place(&run.paths().exported(), "scene")?;
         let mut done = 0;
-        let plan = SplatPlan::new(run, format);
+        let plan = SplatPlan::new(run, self.format);
         let refit_steps = plan.refit_steps();
         let unit = if refit_steps > 0 { "steps" } else { "times" };
         let all = (refit_steps + 1) * self.times.len();
@@ -84,12 +55,12 @@ impl Export<'_> {
         Ok(Some(message))
     }
 
-    fn labels(&self, run: &OpenRun, format: LabelFormat, report: &mut Reporter) -> Result<Option<String>, RunError> {
+    fn labels(&self, run: &OpenRun, write: LabelWriter, report: &mut Reporter) -> Result<Option<String>, RunError> {
         let edited = self.edited;
         let labels = Labels::new(run, &LabelPlan { segments: self.segments.to_vec(), edited, ..LabelPlan::default() })?;
         let output = self.place(&run.paths().labels(), "labels")?;
         for (i, &time) in self.times.iter().enumerate() {
-            write_labels(&output.place(i).0, &labels, &labels.at(time)?.ids, edited, format)?;
+            write_labels(&output.place(i).0, &labels, &labels.at(time)?.ids, edited, write, None)?;
             // after the last time there is nothing left to cancel
             if !report.at("times", i + 1, self.times.len(), None) && i + 1 < self.times.len() {
                 return Ok(None);
@@ -101,10 +72,10 @@ impl Export<'_> {
     }
 
     fn place(&self, folder: &Path, name: &str) -> Result<Output, RunError> {
-        Output::within(folder, name, self.format.extension(), self.many, &[])
+        Output::within(folder, name, self.format.extension, self.many, &[])
     }
 
     fn record<'a>(&'a self, run: &'a OpenRun, segments: &'a [String]) -> Record<'a> {
-        Record::new(run, self.format.extension(), self.times, self.edited, segments)
+        Record::new(run, self.format.extension, self.times, self.edited, segments)
     }
 }

@@ -1,8 +1,9 @@
 //! Tasks that can be started from the page: the work of slow commands, done by the same functions on the same files.
 
 use super::board::Reporter;
-use super::export::{Export, FileFormat};
+use super::export::Export;
 use crate::config::types::segment::AffinityConfig;
+use crate::export::exporters::{self, Exporter};
 use crate::name::Name;
 use crate::run::cameras::check_lens;
 use crate::run::follow::{FollowRequest, SHEET, Stage as FollowStage, Times, follow};
@@ -69,8 +70,10 @@ pub enum Task {
     },
     /// Files for other programs, as `export`, in the run folder.
     Export {
-        /// Which kind.
-        format: FileFormat,
+        /// Their format, by the extension of the files.
+        #[serde(deserialize_with = "exporters::deserialize")]
+        #[schemars(with = "String")]
+        format: &'static Exporter,
         /// Segments to write; all if empty.
         segments: Vec<String>,
         /// Whether the edits apply.
@@ -101,10 +104,10 @@ impl fmt::Display for Task {
                 None => write!(f, "track of {}", list(segments)),
             },
             Self::Export { format, segments, .. } if segments.is_empty() => {
-                write!(f, "export to {}", format.extension())
+                write!(f, "export to {}", format.extension)
             }
             Self::Export { format, segments, .. } => {
-                write!(f, "export of {} to {}", list(segments), format.extension())
+                write!(f, "export of {} to {}", list(segments), format.extension)
             }
         }
     }
@@ -180,8 +183,7 @@ impl Task {
                     Some(n) => (0..n).map(|i| i as f64 / (n - 1).max(1) as f64).collect(),
                     None => vec![*time],
                 };
-                Export { format: *format, segments, edited: *edited, times: &times, many: frames.is_some() }
-                    .write(run, report)
+                Export { format, segments, edited: *edited, times: &times, many: frames.is_some() }.write(run, report)
             }
         }
     }

@@ -37,7 +37,7 @@ const tasks = {
     return { kind: "track", segments, group: $("track-name").value.trim() || null, frames: number("track-times") ?? 51 };
   },
   export: () => ({
-    kind: "export", format: option($("export-format")), segments: [...app.checked], edited: $("edits-on").checked,
+    kind: "export", format: $("export-format").value, segments: [...app.checked], edited: $("edits-on").checked,
     time: value("when"), frames: number("export-times"),
   }),
 };

@@ -280,17 +280,6 @@ export type EventKind =
   /** The whole segment fades; its tracks may also vanish one by one. */
   | "segment_vanish";
 
-/** A kind of file. */
-export type FileFormat = 
-  /** Gaussians, for viewers of 3DGS. */
-  | "ply"
-  /** Gaussians in a fifth of the bytes. */
-  | "spz"
-  /** Labels on voxels, for 3D Slicer. */
-  | "nrrd"
-  /** Labels on voxels, for VTK. */
-  | "vti";
-
 /** How a job ended. */
 export type JobEnd = 
   /** Everything is done; says what was made, and where it is. */
@@ -813,8 +802,8 @@ export type Task =
   | {
     /** Whether the edits apply. */
     edited: boolean;
-    /** Which kind. */
-    format: FileFormat;
+    /** Their format, by the extension of the files. */
+    format: string;
     /** Number of times, evenly spaced over [0, 1], instead of the one. */
     frames?: number | null;
     kind: "export";

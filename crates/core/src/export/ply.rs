@@ -11,28 +11,21 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Write};
 use std::path::Path;
 
-use super::splat_file::{self, SplatFileError};
+use super::exporters::{Content, Exporter};
+use super::splat_file::{self, SplatFileError, SplatFileOptions};
 use crate::model::HostGaussians;
 use header::Header;
 
 /// Maximum degree of spherical harmonics in a file.
 pub const MAX_SH_DEGREE: usize = 3;
 
-/// What a file holds besides the Gaussians.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct PlyOptions {
-    /// Degree of the spherical harmonics in the file, at least that of the Gaussians: higher coefficients are 0. The
-    /// loader of the reference implementation of 3DGS accepts files of degree 3 only.
-    pub sh_degree: usize,
-    /// Comments of the header, one line each.
-    pub comments: Vec<String>,
-}
-
-impl Default for PlyOptions {
-    fn default() -> Self {
-        Self { sh_degree: MAX_SH_DEGREE, comments: Vec::new() }
-    }
-}
+/// The format of 3DGS viewers, as exact as the scene.
+pub(super) const EXPORTER: Exporter = Exporter {
+    extension: "ply",
+    endings: &[],
+    description: "Binary PLY in the 3DGS layout",
+    content: Content::Gaussians { write, log_scales: f32::NEG_INFINITY..=f32::INFINITY, has_sh_degree: true },
+};
 
 /// Writes the Gaussians as they are, row by row and atomically; normals are zero. Shaded ones are written as
 /// [`HostGaussians::baked`], since readers support only harmonics. Replaces only a file of this program. Viewers expect
@@ -42,7 +35,7 @@ impl Default for PlyOptions {
 /// [`SplatFileError::Shape`] if the fields differ in length, or `options` ask for a degree that cannot hold their
 /// colours, [`SplatFileError::Replace`] if something else is there or
 /// the folder is missing, [`SplatFileError::Io`] from the file system.
-pub fn write(gaussians: &HostGaussians, path: &Path, options: &PlyOptions) -> Result<(), SplatFileError> {
+pub fn write(gaussians: &HostGaussians, path: &Path, options: &SplatFileOptions) -> Result<(), SplatFileError> {
     let gaussians = splat_file::plain(gaussians)?;
     let (degree, least) = (options.sh_degree, gaussians.sh_degree());
     if !(least..=MAX_SH_DEGREE).contains(&degree) {
@@ -53,7 +46,7 @@ pub fn write(gaussians: &HostGaussians, path: &Path, options: &PlyOptions) -> Re
     splat_file::write(path, |file| write_to(&gaussians, options, file))
 }
 
-fn write_to(gaussians: &HostGaussians, options: &PlyOptions, out: &mut impl Write) -> io::Result<()> {
+fn write_to(gaussians: &HostGaussians, options: &SplatFileOptions, out: &mut impl Write) -> io::Result<()> {
     let (k, all) = (gaussians.sh_stride, (options.sh_degree + 1).pow(2));
     let [means, rotations, log_scales, opacity_logits, sh] = gaussians.common_columns();
     out.write_all(header::text(gaussians.len(), all, &options.comments).as_bytes())?;

@@ -1,5 +1,6 @@
 //! Parts shared by the files of Gaussians for other programs.
 
+use super::ply::MAX_SH_DEGREE;
 use crate::files::{AtomicFile, ReplaceError};
 use crate::model::HostGaussians;
 use std::borrow::Cow;
@@ -33,6 +34,22 @@ pub enum SplatFileError {
     /// The fields of the Gaussians are inconsistent.
     #[error("the Gaussians cannot be written: {0}")]
     Shape(String),
+}
+
+/// What a file holds besides the Gaussians.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SplatFileOptions {
+    /// Degree of the spherical harmonics, at least that of the Gaussians: higher coefficients are 0. Only for formats that
+    /// have a choice. The loader of the reference implementation of 3DGS accepts files of degree 3 only.
+    pub sh_degree: usize,
+    /// What a reader must know of the coordinates and the time, one line each.
+    pub comments: Vec<String>,
+}
+
+impl Default for SplatFileOptions {
+    fn default() -> Self {
+        Self { sh_degree: MAX_SH_DEGREE, comments: Vec::new() }
+    }
 }
 
 /// Returns Gaussians as files hold them: shaded ones, and those with even bands alone, as [`HostGaussians::baked`], since

@@ -5,7 +5,8 @@
 //! each) and the other coefficients of the harmonics (one byte each). Coordinates are the scene's own, as in the PLY
 //! files.
 
-use super::splat_file::{self, SplatFileError};
+use super::exporters::{Content, Exporter};
+use super::splat_file::{self, SplatFileError, SplatFileOptions};
 use crate::files::MARK;
 use crate::model::HostGaussians;
 use flate2::{Compression, GzBuilder};
@@ -22,20 +23,28 @@ const MAX_FRACTION_BITS: i32 = 20;
 /// Base colours are `0.5 + COLOUR * coefficient`.
 const COLOUR: f32 = 0.15;
 
+/// Niantic's format.
+pub(super) const EXPORTER: Exporter = Exporter {
+    extension: "spz",
+    endings: &[],
+    description: "Niantic's compressed splats, about a fifth of a PLY",
+    content: Content::Gaussians { write, log_scales: -10.0..=5.9375, has_sh_degree: false },
+};
+
 /// Writes the Gaussians atomically, replacing only a file of this program. Shaded ones are written as
 /// [`HostGaussians::baked`], since readers support only harmonics.
 ///
-/// `comments`, one line each, are part of the comment of the gzip stream, as the format has no place for them. One byte
+/// Comments are part of the comment of the gzip stream, as the format has no place for them. One byte
 /// per number is coarse: log scales are clamped to [-10, 5.9], and coefficients beyond the first to [-1, 1).
 ///
 /// # Errors
 /// [`SplatFileError::Shape`] if the fields differ in length or a mean is not finite or too far out,
 /// [`SplatFileError::Replace`] if something else is there or the folder is missing, [`SplatFileError::Io`] from the
 /// file system.
-pub fn write(gaussians: &HostGaussians, path: &Path, comments: &[String]) -> Result<(), SplatFileError> {
+pub fn write(gaussians: &HostGaussians, path: &Path, options: &SplatFileOptions) -> Result<(), SplatFileError> {
     let gaussians = splat_file::plain(gaussians)?;
     let fraction = fraction_bits(&gaussians.means)?;
-    splat_file::write(path, |file| compress(&body(&gaussians, fraction), comments, file))
+    splat_file::write(path, |file| compress(&body(&gaussians, fraction), &options.comments, file))
 }
 
 fn compress(bytes: &[u8], comments: &[String], out: &mut impl Write) -> io::Result<()> {
@@ -130,8 +139,9 @@ mod tests {
     fn written(gaussians: &HostGaussians) -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.spz");
-        write(gaussians, &path, &[]).unwrap();
-        write(gaussians, &path, &["scale 2".into()]).unwrap(); // replaces its own file
+        write(gaussians, &path, &SplatFileOptions::default()).unwrap();
+        let options = SplatFileOptions { comments: vec!["scale 2".into()], ..SplatFileOptions::default() };
+        write(gaussians, &path, &options).unwrap(); // replaces its own file
         let mut bytes = Vec::new();
         let mut file = GzDecoder::new(std::fs::File::open(&path).unwrap());
         file.read_to_end(&mut bytes).unwrap();

@@ -11,6 +11,7 @@ mod state_dict;
 mod tests;
 mod weights;
 
+use super::metric::{Better, Metric, MetricDisplay, MetricFailure, MetricInput, Networks};
 use burn::tensor::activation::relu;
 use burn::tensor::module::{conv2d, max_pool2d};
 use burn::tensor::ops::{ConvOptions, MaxPoolOptions};
@@ -227,6 +228,42 @@ impl Lpips {
             distance += layer_distance(x.clone(), self.weights.heads[index].clone())?;
         }
         Ok(distance)
+    }
+}
+
+/// Where the weights come from.
+const WEIGHTS: &str = "LPIPS is null without --lpips-weights FILE: convert the published files with `volseggs lpips`; \
+                       see `volseggs lpips --help`";
+
+/// LPIPS of a view with one of the networks, if its weights are loaded.
+pub(super) struct LpipsMetric(pub(super) LpipsNet);
+
+impl LpipsMetric {
+    fn network<'a>(&self, networks: &'a Networks) -> Option<&'a Lpips> {
+        networks.lpips().iter().find(|network| network.net() == self.0)
+    }
+}
+
+impl Metric for LpipsMetric {
+    fn value(&self, view: &MetricInput<'_>) -> Result<Option<f64>, MetricFailure> {
+        let network = self.network(view.networks);
+        Ok(network.map(|n| n.distance(view.render, view.truth, view.height, view.width)).transpose()?)
+    }
+
+    fn display(&self) -> Option<MetricDisplay> {
+        let (head, note, by_default) = match self.0 {
+            LpipsNet::Alex => ("LPIPS (AlexNet)", "AlexNet", true),
+            LpipsNet::Vgg => ("LPIPS (VGG-16)", "VGG-16", false),
+        };
+        Some(MetricDisplay { note, by_default, ..MetricDisplay::new(head, "LPIPS", 4, Better::Lower) })
+    }
+
+    fn is_available(&self, networks: &Networks) -> bool {
+        self.network(networks).is_some()
+    }
+
+    fn note(&self, _values: &[f64], _pixels: usize, networks: &Networks) -> Option<String> {
+        networks.lpips().is_empty().then(|| WEIGHTS.to_owned())
     }
 }
 

@@ -1,5 +1,7 @@
 //! Peak signal-to-noise ratio, and the size checks shared by the image metrics.
 
+use super::metric::{Better, Metric, MetricDisplay, MetricFailure, MetricInput, Networks};
+
 /// Why a metric cannot be computed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -68,6 +70,30 @@ pub fn psnr_of_pictures(a: &[f32], b: &[f32]) -> Result<f64, MetricError> {
 #[must_use]
 pub fn max_psnr_of_pictures(values: usize) -> f64 {
     20.0 * 255f64.log10() + 10.0 * (values as f64).log10()
+}
+
+/// PSNR in decibels, over all pixels and channels of the 8-bit render; finite, see [`psnr_of_pictures`].
+pub(super) struct Psnr;
+
+impl Metric for Psnr {
+    fn value(&self, view: &MetricInput<'_>) -> Result<Option<f64>, MetricFailure> {
+        Ok(Some(psnr_of_pictures(view.render, view.truth)?))
+    }
+
+    fn display(&self) -> Option<MetricDisplay> {
+        let display = MetricDisplay::new("PSNR, dB", "PSNR", 2, Better::Higher);
+        Some(MetricDisplay { unit: "dB", by_default: true, ..display })
+    }
+
+    fn note(&self, values: &[f64], pixels: usize, _networks: &Networks) -> Option<String> {
+        let most = max_psnr_of_pictures(3 * pixels);
+        let (all, equal) = (values.len(), values.iter().filter(|v| **v >= most).count());
+        (equal > 0).then(|| {
+            format!(
+                "{equal} of {all} renders equal the ground truth; their PSNR is that of one value off by one step of 255"
+            )
+        })
+    }
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 
 use rayon::prelude::*;
 
+use super::metric::{Better, Metric, MetricDisplay, MetricFailure, MetricInput};
 use super::psnr::MetricError;
 
 const C1: f64 = 0.01 * 0.01;
@@ -58,6 +59,24 @@ pub fn ssim_gray(a: &[f32], b: &[f32], width: usize, height: usize) -> Result<f6
     let inner = |row: &[f64]| row[edge..edge + columns].iter().sum::<f64>();
     let sum: f64 = map.chunks_exact(width).skip(edge).take(rows).map(inner).sum();
     Ok(sum / (rows * columns) as f64)
+}
+
+/// SSIM of a view: [`ssim_gray`] or [`ssim_rgb`].
+pub(super) struct Ssim {
+    /// Whether it is that of grey values.
+    pub(super) of_gray: bool,
+}
+
+impl Metric for Ssim {
+    fn value(&self, view: &MetricInput<'_>) -> Result<Option<f64>, MetricFailure> {
+        let ssim = if self.of_gray { ssim_gray } else { ssim_rgb };
+        Ok(Some(ssim(view.render, view.truth, view.width, view.height)?))
+    }
+
+    fn display(&self) -> Option<MetricDisplay> {
+        let (head, note) = if self.of_gray { ("SSIM (grey)", "grey, 7x7") } else { ("SSIM", "RGB, Gaussian window") };
+        Some(MetricDisplay { note, by_default: !self.of_gray, ..MetricDisplay::new(head, "SSIM", 4, Better::Higher) })
+    }
 }
 
 fn check(a: &[f32], b: &[f32], width: usize, height: usize) -> Result<(), MetricError> {

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::calibration::Calibration;
 use super::camera::Camera;
+use super::dataset_layout::layout_of;
 use super::error::DataError;
 use super::images::{ImageSet, common_size, downscaled_size, image_error};
 use super::lens::check_lens;
@@ -40,10 +41,11 @@ impl SplitName {
         }
     }
 
-    /// The split's JSON file under `root`.
+    /// The file under `root` that lists the split's views, see [`super::dataset_layout::DatasetLayout::file`]; `transforms_<name>.json` in a
+    /// folder that is no dataset yet.
     #[must_use]
     pub fn json_path(self, root: &Path) -> PathBuf {
-        root.join(format!("transforms_{}.json", self.as_str()))
+        layout_of(root).file(root, self)
     }
 }
 
@@ -168,9 +170,9 @@ impl Dataset {
     /// # Errors
     /// A missing or invalid JSON file or image; a `downscale` that does not divide the image size.
     pub fn open(root: &Path, options: &OpenOptions<'_>) -> Result<Self, DataError> {
-        let (path, text) = (SplitName::Train.json_path(root), read_text(&SplitName::Train.json_path(root))?);
-        let json = Transforms::parse(&path, &text)?;
+        let (json, contents) = SplitName::Train.views_and_contents(root)?;
         json.check_images()?;
+        let path = json.path.clone();
         let all: Vec<PathBuf> = json.frames.iter().map(|f| f.image_path(root)).collect();
         let normalisation = json.normalisation();
         let read = |name: SplitName| {
@@ -185,7 +187,7 @@ impl Dataset {
                 outline(root, SplitName::Train, &json, options.downscale, options.max_views)?.0
             }
         };
-        let fingerprint = fingerprint(&path, text.as_bytes(), &all, options.downscale)?;
+        let fingerprint = fingerprint(&path, &contents, &all, options.downscale)?;
         let (val, test) = (read(SplitName::Val)?, read(SplitName::Test)?);
         // a split has at least one view
         let first_camera = train.frames[0].camera.clone();
@@ -206,10 +208,11 @@ impl Dataset {
         self.calibration.clone()
     }
 
-    /// The splits that have a JSON file under `root`.
+    /// The splits that there are under `root`.
     #[must_use]
     pub fn present(root: &Path) -> Vec<SplitName> {
-        SplitName::ALL.into_iter().filter(|n| n.json_path(root).is_file()).collect()
+        let layout = layout_of(root);
+        SplitName::ALL.into_iter().filter(|split| layout.has(root, *split)).collect()
     }
 
     /// The split of that name, if loaded.
@@ -222,8 +225,7 @@ impl Dataset {
         }
     }
 
-    /// 16 hexadecimal digits that identify a training set: a 64-bit FNV-1a hash of the bytes of
-    /// `transforms_train.json`, the size of every training image file and the downscale factor. Independent of the
+    /// 16 hexadecimal digits that identify a training set: a 64-bit FNV-1a hash of the bytes of the file of its views, the size of every training image file and the downscale factor. Independent of the
     /// other splits loaded and of the number of views.
     #[must_use]
     pub fn fingerprint(&self) -> String {
@@ -266,7 +268,7 @@ pub fn read_split(
     max_views: Option<usize>,
     normalisation: Option<Normalisation>,
 ) -> Result<Split, DataError> {
-    let json = Transforms::read(&name.json_path(root))?;
+    let json = name.views(root)?;
     json.check_images()?;
     let normalisation = normalisation.map_or_else(|| Normalisation::of_dataset(root), Ok)?;
     let json = json.normalised(&normalisation);
@@ -289,7 +291,7 @@ pub fn read_views(
     max_views: Option<usize>,
     normalisation: &Normalisation,
 ) -> Result<Split, DataError> {
-    let json = Transforms::read(&name.json_path(root))?.normalised(normalisation);
+    let json = name.views(root)?.normalised(normalisation);
     Ok(outline(root, name, &json, downscale, max_views)?.0)
 }
 
@@ -344,11 +346,9 @@ fn outline(
 /// # Errors
 /// Views that are missing or cannot be read.
 pub fn measured_fingerprint(root: &Path, split: SplitName) -> Result<String, DataError> {
-    let path = split.json_path(root);
-    let text = read_text(&path)?;
-    let json = Transforms::parse(&path, &text)?;
+    let (json, contents) = split.views_and_contents(root)?;
     let images: Vec<PathBuf> = json.frames.iter().map(|f| f.image_path(root)).collect();
-    let views = fingerprint(&path, text.as_bytes(), &images, 1)?;
+    let views = fingerprint(&json.path, &contents, &images, 1)?;
     let truth = read_text(&root.join(super::truth::FILE)).unwrap_or_default();
     let mut hash = fnv1a(views, truth.as_bytes());
     // the text only names them; what cannot be read is reported where it is used
@@ -361,8 +361,8 @@ pub fn measured_fingerprint(root: &Path, split: SplitName) -> Result<String, Dat
     Ok(format!("{hash:016x}"))
 }
 
-fn fingerprint(json: &Path, text: &[u8], images: &[PathBuf], downscale: u32) -> Result<u64, DataError> {
-    let mut hash = fnv1a(0xcbf2_9ce4_8422_2325, text);
+fn fingerprint(json: &Path, contents: &[u8], images: &[PathBuf], downscale: u32) -> Result<u64, DataError> {
+    let mut hash = fnv1a(0xcbf2_9ce4_8422_2325, contents);
     for (i, path) in images.iter().enumerate() {
         let bytes = std::fs::metadata(path).map_err(|e| {
             let missing = e.kind() == std::io::ErrorKind::NotFound;

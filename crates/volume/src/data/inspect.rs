@@ -8,11 +8,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::dataset::{Dataset, SplitName};
+use super::dataset_layout::layout_of;
 use super::images::{decode, size};
 use super::inspect_views::{cameras, times};
 use super::normalisation::Normalisation;
-use super::scan::{ROTATION_TOLERANCE, scan};
-use super::transforms::{FrameRecord, read_text, repeated, same_image};
+use super::scan::{ROTATION_TOLERANCE, Scan};
+use super::transforms::{FrameRecord, repeated, same_image};
 use crate::files::leads_out;
 
 /// Maximum number of problems in a check's detail; the report's `problems` has them all.
@@ -106,28 +107,29 @@ impl Report {
 #[must_use]
 pub fn inspect(root: &Path) -> Report {
     let mut report = Report { root: root.to_owned(), ..Report::default() };
-    let present = Dataset::present(root);
+    let (layout, present) = (layout_of(root), Dataset::present(root));
     let found = present.iter().map(|n| n.as_str()).collect::<Vec<_>>().join(", ");
     let lacking = SplitName::ALL.iter().filter(|n| **n != SplitName::Val && !present.contains(n));
     let problems = lacking.map(|n| format!("{} is missing", n.json_path(root).display())).collect();
     report.check_list("dataset", "splits", problems, format!("found {found}"));
-    let texts: Vec<(SplitName, Result<String, String>)> =
-        present.into_iter().map(|n| (n, read_text(&n.json_path(root)).map_err(|e| e.to_string()))).collect();
-    for (i, (name, text)) in texts.iter().enumerate() {
-        if let Some((other, _)) = texts[..i].iter().find(|(_, t)| t.is_ok() && t == text) {
-            report.notes.push(format!("{name} is byte-for-byte identical to {other}"));
-        }
-        match text {
-            Ok(text) => inspect_split(&mut report, root, *name, text),
-            Err(problem) => report.check_list(name.as_str(), "json", vec![problem.clone()], ""),
+    let mut read: Vec<(SplitName, Vec<u8>)> = Vec::new();
+    for name in present {
+        match layout.scan(root, name) {
+            Ok(scan) => {
+                if let Some((other, _)) = read.iter().find(|(_, contents)| *contents == scan.contents) {
+                    report.notes.push(format!("{name} is byte-for-byte identical to {other}"));
+                }
+                inspect_split(&mut report, root, name, &scan);
+                read.push((name, scan.contents));
+            }
+            Err(problem) => report.check_list(name.as_str(), "json", vec![problem.to_string()], ""),
         }
     }
     report
 }
 
-fn inspect_split(report: &mut Report, root: &Path, name: SplitName, text: &str) {
+fn inspect_split(report: &mut Report, root: &Path, name: SplitName, scan: &Scan) {
     let path = name.json_path(root);
-    let scan = scan(&path, text);
     let split = name.as_str();
     let mut facts = SplitFacts { name: split.to_owned(), frames: scan.frames.len(), ..SplitFacts::default() };
     let problems: Vec<String> = scan.problems.iter().map(ToString::to_string).collect();
@@ -152,7 +154,7 @@ fn inspect_split(report: &mut Report, root: &Path, name: SplitName, text: &str) 
     }
     images(report, &mut facts, root, &path, &records);
     times(report, &mut facts, &records);
-    cameras(report, &mut facts, &path, &scan, &records);
+    cameras(report, &mut facts, &path, scan, &records);
     let normalisation = Normalisation::from_poses(records.iter().map(|(_, record)| record.camera_to_world));
     if name == SplitName::Train && !normalisation.is_none() {
         let Normalisation { centre, scale } = normalisation;

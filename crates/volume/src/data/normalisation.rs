@@ -22,7 +22,6 @@ use super::camera::{Camera, look_at_point};
 use super::dataset::SplitName;
 use super::error::DataError;
 use super::paths::RADIUS;
-use super::transforms::Transforms;
 
 /// Usual distances of cameras from the data. At the lower end, the near plane (0.2) is at a quarter of the distance.
 pub const USUAL: RangeInclusive<f64> = 0.8..=100.0;
@@ -95,11 +94,10 @@ impl Normalisation {
     /// # Errors
     /// Training views that cannot be read.
     pub fn of_dataset(root: &Path) -> Result<Self, DataError> {
-        let path = SplitName::Train.json_path(root);
-        if !path.exists() {
+        if !SplitName::Train.json_path(root).exists() {
             return Ok(Self::NONE);
         }
-        Ok(Transforms::read(&path)?.normalisation())
+        Ok(SplitName::Train.views(root)?.normalisation())
     }
 
     /// The point of the scene at a position of the dataset.

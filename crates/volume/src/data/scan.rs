@@ -19,7 +19,7 @@ pub const MAX_POSITION: f64 = 1e15;
 /// Maximum deviation of the rotation of a pose from orthonormal (largest entry of `R^T R - I`).
 pub const ROTATION_TOLERANCE: f64 = 1e-3;
 
-/// The content of a `transforms_*.json`, as far as it can be read.
+/// The views of a split, as far as they can be read.
 #[derive(Debug, Default)]
 pub struct Scan {
     /// Focal length, principal point and size, where given.
@@ -28,6 +28,8 @@ pub struct Scan {
     pub frames: Vec<Option<FrameRecord>>,
     /// All problems, in the order of the file.
     pub problems: Vec<DataError>,
+    /// Bytes that identify the views, such as the text of their file: with others, runs are of another dataset.
+    pub contents: Vec<u8>,
     /// Largest entry of `|R^T R - I|` over all readable poses, including rejected ones.
     pub orthonormality_error: f64,
 }

@@ -9,9 +9,11 @@ use glam::DMat4;
 use serde_json::{Value, json};
 
 use super::camera::Camera;
+use super::dataset::SplitName;
+use super::dataset_layout::{DatasetLayout, looked_for};
 use super::error::DataError;
 use super::normalisation::Normalisation;
-use super::scan::scan;
+use super::scan::{Scan, scan};
 use crate::files::write_atomic;
 
 /// The lens as given in the JSON; what is missing follows from the image size.
@@ -184,7 +186,14 @@ impl Transforms {
     /// # Errors
     /// The first problem of the text, with file, frame and field.
     pub fn parse(path: &Path, text: &str) -> Result<Self, DataError> {
-        let scan = scan(path, text);
+        Self::from_scan(path, scan(path, text))
+    }
+
+    /// Takes what was read of `path`, if there was no problem.
+    ///
+    /// # Errors
+    /// The first problem.
+    pub fn from_scan(path: &Path, scan: Scan) -> Result<Self, DataError> {
         match scan.problems.into_iter().next() {
             Some(problem) => Err(problem),
             None => Ok(Self {
@@ -252,6 +261,26 @@ impl Transforms {
     }
 }
 
+/// The layout of D-NeRF and Blender: a `transforms_*.json` for each split.
+pub(super) struct TransformsLayout;
+
+impl DatasetLayout for TransformsLayout {
+    fn holds(&self) -> &'static str {
+        "transforms_train.json and transforms_test.json"
+    }
+
+    fn file(&self, root: &Path, split: SplitName) -> PathBuf {
+        root.join(format!("transforms_{split}.json"))
+    }
+
+    fn scan(&self, root: &Path, split: SplitName) -> Result<Scan, DataError> {
+        let path = self.file(root, split);
+        let text = read_text(&path)?;
+        let found = scan(&path, &text);
+        Ok(Scan { contents: text.into_bytes(), ..found })
+    }
+}
+
 /// The error for two frames, the later one first, that refer to the image `file_path`.
 pub(crate) fn repeated(json: &Path, (frame, other): (usize, usize), file_path: &str) -> DataError {
     let problem = format!("\"{file_path}\" is also the image of frame {other}");
@@ -261,8 +290,8 @@ pub(crate) fn repeated(json: &Path, (frame, other): (usize, usize), file_path: &
 
 /// Reads a JSON file as text, with an error that says what to do.
 pub(crate) fn read_text(path: &Path) -> Result<String, DataError> {
-    let hint = "a dataset folder holds transforms_train.json and transforms_test.json; check the path";
-    let bytes = crate::files::read_regular(path).map_err(DataError::io(path, "read the file", hint))?;
+    let hint = format!("a dataset folder holds {}; check the path", looked_for());
+    let bytes = crate::files::read_regular(path).map_err(DataError::io(path, "read the file", &hint))?;
     crate::files::decode_text(bytes).map_err(|error| DataError::Syntax {
         path: path.to_owned(),
         frame: None,

@@ -15,7 +15,6 @@ use super::images::downscaled_size;
 use super::lineage::{Turn, ids_at};
 use super::normalisation::Normalisation;
 use super::png::check_claim;
-use super::transforms::Transforms;
 use crate::files::leads_out;
 use crate::name::Name;
 use crate::versioned;
@@ -175,7 +174,7 @@ impl Truth {
     ///
     /// # Errors
     /// If there are no label images of training views, `downscale` does not divide the images' size, or a
-    /// `transforms_*.json` is invalid.
+    /// split is invalid.
     pub fn views_near(&self, time: f64, enough: usize, downscale: u32) -> Result<Vec<LabelledView>, DataError> {
         let mut views = self.views(SplitName::Train, downscale)?;
         let away = |v: &LabelledView| (v.time - time).abs();
@@ -199,7 +198,7 @@ impl Truth {
         let folder = self.root.join(folder.strip_prefix("./").unwrap_or(folder));
         let [width, height] = self.file.size;
         downscaled_size(&self.root.join(FILE), (width, height), downscale)?;
-        let json = Transforms::read(&split.json_path(&self.root))?.normalised(&self.normalisation);
+        let json = split.views(&self.root)?.normalised(&self.normalisation);
         let labelled = json.frames.iter().filter_map(|frame| {
             let path = folder.join(format!("{}.png", frame.name()));
             let camera = json.intrinsics.camera(width, height, frame.camera_to_world).downscaled(downscale);

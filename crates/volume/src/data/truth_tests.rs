@@ -1,6 +1,7 @@
 //! A dataset with label images, made here, and its errors.
 
 use super::*;
+use crate::data::Transforms;
 use crate::data::fixture::claims_to_be;
 use crate::data::transforms::{FrameRecord, Intrinsics};
 use glam::DMat4;

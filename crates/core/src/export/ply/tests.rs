@@ -30,8 +30,8 @@ fn bytes(gaussians: &HostGaussians) -> Vec<u8> {
     out
 }
 
-fn options(gaussians: &HostGaussians) -> PlyOptions {
-    PlyOptions { sh_degree: gaussians.sh_degree(), ..PlyOptions::default() }
+fn options(gaussians: &HostGaussians) -> SplatFileOptions {
+    SplatFileOptions { sh_degree: gaussians.sh_degree(), ..SplatFileOptions::default() }
 }
 
 fn read(mut bytes: &[u8]) -> Result<HostGaussians, String> {
@@ -78,7 +78,7 @@ fn a_file_round_trips_at_every_degree() {
     }
     assert!(super::read(&dir.path().join("none.ply")).is_err());
     std::fs::write(&path, "a thesis").unwrap();
-    assert!(matches!(write(&sample(1, 0), &path, &PlyOptions::default()), Err(SplatFileError::Replace(_))));
+    assert!(matches!(write(&sample(1, 0), &path, &SplatFileOptions::default()), Err(SplatFileError::Replace(_))));
     assert_eq!(std::fs::read(&path).unwrap(), b"a thesis");
 }
 
@@ -98,7 +98,7 @@ fn by_default_a_file_has_the_degree_that_the_reference_loader_accepts_and_looks_
         for (i, v) in gaussians.means.iter_mut().chain(&mut gaussians.sh).enumerate() {
             *v = 0.7 * (1.9 * i as f32).sin();
         }
-        let options = PlyOptions { comments: vec!["scale 2".into()], ..PlyOptions::default() };
+        let options = SplatFileOptions { comments: vec!["scale 2".into()], ..SplatFileOptions::default() };
         write(&gaussians, &path, &options).unwrap();
         let text = String::from_utf8_lossy(&std::fs::read(&path).unwrap()).into_owned();
         assert_eq!(text.matches("property float f_rest_").count(), 45);
@@ -112,7 +112,7 @@ fn by_default_a_file_has_the_degree_that_the_reference_loader_accepts_and_looks_
         }
         assert_eq!(image(&read), image(&gaussians));
         for too_low in 0..degree {
-            let options = PlyOptions { sh_degree: too_low, ..PlyOptions::default() };
+            let options = SplatFileOptions { sh_degree: too_low, ..SplatFileOptions::default() };
             let error = write(&gaussians, &path, &options).unwrap_err().to_string();
             assert!(error.contains(&format!("from {degree} to 3")), "{error}");
         }
@@ -169,11 +169,11 @@ fn fields_of_different_lengths_are_not_written() {
     let path = dir.path().join("a.ply");
     let mut gaussians = sample(2, 1);
     gaussians.sh.pop();
-    let error = write(&gaussians, &path, &PlyOptions::default()).unwrap_err().to_string();
+    let error = write(&gaussians, &path, &SplatFileOptions::default()).unwrap_err().to_string();
     assert!(error.contains("sh holds 23 entries"), "{error}");
     assert!(!path.exists());
     gaussians.sh_stride = 25;
-    assert!(write(&gaussians, &path, &PlyOptions::default()).is_err());
+    assert!(write(&gaussians, &path, &SplatFileOptions::default()).is_err());
 }
 
 #[test]
