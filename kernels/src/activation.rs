@@ -4,28 +4,24 @@
 
 /// `1 / (1 + exp(-x))`, in (0, 1): the opacity of a logit.
 #[inline(always)]
-#[must_use]
 pub fn sigmoid(x: f32) -> f32 {
     1.0 / (1.0 + (-x).exp())
 }
 
 /// [`sigmoid`] in double precision.
 #[inline]
-#[must_use]
 pub fn sigmoid_f64(x: f64) -> f64 {
     1.0 / (1.0 + (-x).exp())
 }
 
 /// The inverse of [`sigmoid`] for `p` in (0, 1): the logit of an opacity.
 #[inline]
-#[must_use]
 pub fn logit(p: f32) -> f32 {
     (p / (1.0 - p)).ln()
 }
 
 /// The inverse of [`sigmoid_f64`] for `p` in (0, 1), accurate for tiny `p` too.
 #[inline]
-#[must_use]
 pub fn logit_f64(p: f64) -> f64 {
     p.ln() - (-p).ln_1p()
 }

@@ -36,7 +36,6 @@ pub enum Bands {
 impl Bands {
     /// Returns the bands of K coefficients and their highest degree; `None` if no degree has that many.
     #[inline(always)]
-    #[must_use]
     pub const fn from_count(k: usize) -> Option<(Self, usize)> {
         match k {
             1 => Some((Self::All, 0)),
@@ -51,7 +50,6 @@ impl Bands {
 
     /// Returns the bands of K coefficients, all for a K that no degree has.
     #[inline(always)]
-    #[must_use]
     pub const fn of_any(k: usize) -> Self {
         match Self::from_count(k) {
             Some((bands, _)) => bands,
@@ -61,7 +59,6 @@ impl Bands {
 
     /// Returns the number of coefficients up to `degree`.
     #[inline(always)]
-    #[must_use]
     pub const fn count(self, degree: usize) -> usize {
         match self {
             Self::All => (degree + 1) * (degree + 1),
@@ -74,7 +71,6 @@ impl Bands {
 /// Returns the values of the basis functions of `bands` at the unit direction `d`, at most 16; those beyond `degree` are
 /// zero.
 #[inline(always)]
-#[must_use]
 pub fn basis(d: [f32; 3], degree: usize, bands: Bands) -> [f32; 16] {
     match bands {
         Bands::All => basis_of_all(d, degree),
@@ -84,7 +80,6 @@ pub fn basis(d: [f32; 3], degree: usize, bands: Bands) -> [f32; 16] {
 
 /// Returns the 25 basis functions up to degree 4 at the unit direction `d`, in f64 from their definition: with
 /// single-precision constants, a rotation of coefficients would not be orthonormal to rounding.
-#[must_use]
 pub fn exact_basis([x, y, z]: [f64; 3]) -> [f64; 25] {
     let (xx, yy, zz) = (x * x, y * y, z * z);
     let norm = |a: f64| (a / PI).sqrt();

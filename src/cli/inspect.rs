@@ -137,7 +137,7 @@ impl InspectArgs {
     }
 
     fn run_folder(&self) -> Result<(), CliError> {
-        let found = Contents::of(&self.path);
+        let found = Contents::list(&self.path);
         if self.json {
             let mut value = serde_json::to_value(&found).map_err(CliError::failure)?;
             value["kind"] = "run".into();

@@ -189,7 +189,6 @@ fn with_negative_values(command: clap::Command) -> clap::Command {
 
 impl Cli {
     /// Parses the command line. A wrong one, a request for help or for the version ends the program with a message.
-    #[must_use]
     pub fn read() -> Self {
         Self::from_line(std::env::args_os()).unwrap_or_else(|error| {
             let text = error.render().to_string();

@@ -46,13 +46,11 @@ fn lines(run: &Path) -> BTreeMap<u64, Line> {
 }
 
 /// Reads the curves of the run in folder `run`.
-#[must_use]
 pub fn read(run: &Path) -> Curves {
     mean(&[run])
 }
 
 /// Returns the mean curves of runs that differ only in the seed, at the steps common to all runs that have a curve.
-#[must_use]
 pub fn mean(runs: &[&Path]) -> Curves {
     let runs: Vec<BTreeMap<u64, Line>> = runs.iter().map(|run| lines(run)).collect();
     let steps = |value: fn(&Line) -> Option<f64>| -> Vec<(u64, f64)> { mean_by_step(&runs, value) };
@@ -85,7 +83,6 @@ fn mean_by_step(runs: &[BTreeMap<u64, Line>], value: fn(&Line) -> Option<f64>) -
 
 /// Smooths a curve: at about 100 of its points, gives the value of a straight line fitted to the neighbourhood, a
 /// twentieth of the curve.
-#[must_use]
 pub fn smooth(curve: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let half = curve.len() / 40;
     let every = curve.len().div_ceil(SMOOTHED).max(1);

@@ -18,7 +18,6 @@ use crate::report::{Block, Report, Section};
 
 /// Builds the page of `set` with `tables` and, below them, `order`: how the order of variants agrees with the paper's.
 /// Curves, configurations and pictures are read from the run folders; missing ones are omitted.
-#[must_use]
 pub fn report(set: &ResultSet, mut tables: Vec<Block>, order: Option<Block>) -> Report {
     let against = set.paper.as_ref().map_or_else(String::new, |paper| format!("The paper: {}.", paper.source));
     if tables.is_empty() {
@@ -103,5 +102,5 @@ fn variant_mean(set: &ResultSet, place: &Place, variant: &str, id: &str) -> Opti
 
 /// The main metric of the page: the first of the set.
 fn first_metric(set: &ResultSet) -> Option<Column> {
-    set.metrics.first().map(|id| Column::of(id))
+    set.metrics.first().map(|id| Column::by_id(id))
 }

@@ -38,14 +38,12 @@ static QUANTITIES: &[(&str, MetricDisplay)] = &[
 ];
 
 /// Returns the names of all that can be reported: the metrics of images, then the rest.
-#[must_use]
 pub fn known() -> Vec<String> {
     METRICS.names().into_iter().chain(QUANTITIES.iter().map(|(id, _)| (*id).to_owned())).collect()
 }
 
 /// Returns the names of the metrics of images that tables have unless told otherwise, after `before` and followed by
 /// `after`.
-#[must_use]
 pub fn default_columns(before: &[&str], after: &[&str]) -> Vec<String> {
     let owned = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
     [owned(before), default_names(), owned(after)].concat()
@@ -68,8 +66,7 @@ pub struct Column {
 
 impl Column {
     /// Returns the column for an id, see [`MetricDisplay::named`] for one that is not [`known`].
-    #[must_use]
-    pub fn of(id: &str) -> Self {
+    pub fn by_id(id: &str) -> Self {
         let quantity = QUANTITIES.iter().find(|(known, _)| *known == id).map(|(_, display)| display.clone());
         let MetricDisplay { head, short, digits, better, .. } =
             quantity.unwrap_or_else(|| crate::metrics::metric::display(id));
@@ -77,13 +74,11 @@ impl Column {
     }
 
     /// The heading without its unit.
-    #[must_use]
     pub fn name(&self) -> &str {
         self.head.split(", ").next().unwrap_or(&self.head)
     }
 
     /// Formats a value with the metric's digits, never as a negative zero.
-    #[must_use]
     pub fn format(&self, value: f64) -> String {
         let text = format!("{value:.*}", self.digits);
         match text.strip_prefix('-') {
@@ -93,26 +88,22 @@ impl Column {
     }
 
     /// Formats a difference with its sign, or without one if it is displayed as zero.
-    #[must_use]
     pub fn signed(&self, value: f64) -> String {
         let text = self.format(value);
         if value > 0.0 && !self.shows_zero(value) { format!("+{text}") } else { text }
     }
 
     /// Whether a value is displayed as zero.
-    #[must_use]
     pub fn shows_zero(&self, value: f64) -> bool {
         self.format(value) == self.format(0.0)
     }
 
     /// Whether two values look the same in the table.
-    #[must_use]
     pub fn looks_same(&self, a: f64, b: f64) -> bool {
         self.format(a) == self.format(b)
     }
 
     /// Orders values from best to worst, or from large to small if neither direction is better.
-    #[must_use]
     pub fn best_first(&self, a: f64, b: f64) -> std::cmp::Ordering {
         match self.better {
             Better::Lower => a.total_cmp(&b),
@@ -127,22 +118,22 @@ mod tests {
 
     #[test]
     fn unknown_ids_become_columns() {
-        let known = Column::of("psnr");
+        let known = Column::by_id("psnr");
         assert_eq!((known.head.as_str(), known.name(), known.digits), ("PSNR, dB", "PSNR", 2));
-        let extra = Column::of("edge_error");
+        let extra = Column::by_id("edge_error");
         assert_eq!((extra.head.as_str(), extra.digits, extra.better), ("edge_error", 4, Better::Lower));
-        assert_eq!(Column::of("alpha_loss").better, Better::Lower);
-        assert_eq!(Column::of("foreground_psnr").better, Better::Higher);
+        assert_eq!(Column::by_id("alpha_loss").better, Better::Lower);
+        assert_eq!(Column::by_id("foreground_psnr").better, Better::Higher);
     }
 
     #[test]
     fn zeros_have_no_sign() {
-        let psnr = Column::of("psnr");
+        let psnr = Column::by_id("psnr");
         assert_eq!(psnr.format(-0.001), "0.00");
         assert_eq!(psnr.format(-0.01), "-0.01");
         assert_eq!(psnr.signed(0.001), "0.00");
         assert_eq!(psnr.signed(0.31), "+0.31");
         assert_eq!(psnr.signed(-0.31), "-0.31");
-        assert_eq!(Column::of("gaussians").format(-0.2), "0");
+        assert_eq!(Column::by_id("gaussians").format(-0.2), "0");
     }
 }

@@ -31,7 +31,6 @@ pub struct ResultSet {
 impl ResultSet {
     /// Returns a sentence naming the builds of the program that trained the measured runs and, where different, those
     /// that measured them; empty if none is known.
-    #[must_use]
     pub fn builds(&self) -> String {
         let done = || self.outcomes.iter().filter(|o| o.state == OutcomeState::Done);
         let trained = builds(done().map(|o| (&o.run, o.build.as_str())));

@@ -17,7 +17,6 @@ use std::path::{Path, PathBuf};
 use toml::Table;
 
 /// Returns the metrics of an evaluated run, by id.
-#[must_use]
 pub fn metrics(summary: &Summary, record: &RunRecord) -> BTreeMap<String, f64> {
     let mut metrics = BTreeMap::from([
         ("fps".to_owned(), summary.speed.fps),

@@ -50,7 +50,6 @@ struct Shown {
 }
 
 /// Makes a sheet for each dataset and device whose variants with pictures share a view, in the order of the outcomes.
-#[must_use]
 pub fn sheets(set: &ResultSet) -> Vec<VariantSheet> {
     places(set).into_iter().filter_map(|place| sheet(set, place)).collect()
 }

@@ -16,21 +16,18 @@ pub struct Difference {
 
 impl Difference {
     /// Whether the interval includes zero, which leaves open which mean is larger; `None` without an interval.
-    #[must_use]
     pub fn includes_zero(&self) -> Option<bool> {
         self.interval.map(|[low, high]| low <= 0.0 && high >= 0.0)
     }
 }
 
 /// Arithmetic mean; `None` without values, or if it is not finite.
-#[must_use]
 pub fn mean(values: &[f64]) -> Option<f64> {
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     mean.is_finite().then_some(mean)
 }
 
 /// Sample standard deviation (n - 1); `None` for fewer than two values, or if it is not finite.
-#[must_use]
 pub fn deviation(values: &[f64]) -> Option<f64> {
     if values.len() < 2 {
         return None;
@@ -45,7 +42,6 @@ pub fn deviation(values: &[f64]) -> Option<f64> {
 ///
 /// If both have the same seeds, at least two, the interval is that of the differences seed by seed; otherwise it is
 /// Welch's.
-#[must_use]
 pub fn difference(ours: &[(u64, f64)], base: &[(u64, f64)]) -> Option<Difference> {
     let (ours, base) = (by_seed(ours), by_seed(base));
     let (ours_values, base_values) = (values(&ours), values(&base));

@@ -90,7 +90,6 @@ pub struct Failure {
 impl<'s> Table<'s> {
     /// Builds the table of a set. Rows are ordered by dataset, device, segment and variant, each in the order of its
     /// first appearance.
-    #[must_use]
     pub fn new(set: &'s ResultSet) -> Self {
         let metrics = columns(set);
         let mut rows = rows(set, &metrics);
@@ -110,13 +109,11 @@ impl<'s> Table<'s> {
     }
 
     /// Whether any cell has a difference to the baseline.
-    #[must_use]
     pub fn has_differences(&self) -> bool {
         self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.difference.is_some())
     }
 
     /// Whether any difference has a confidence interval, which takes at least two seeds on both sides.
-    #[must_use]
     pub fn has_intervals(&self) -> bool {
         let cells = self.rows.iter().flat_map(|row| &row.cells);
         cells.filter_map(|cell| cell.difference).any(|found| found.interval.is_some())
@@ -130,13 +127,11 @@ impl<'s> Table<'s> {
 
 impl Row {
     /// Whether both rows have the same dataset, device and segment.
-    #[must_use]
     pub fn same_group(&self, other: &Self) -> bool {
         (&self.dataset, &self.device, &self.segment) == (&other.dataset, &other.device, &other.segment)
     }
 
     /// Total number of outcomes.
-    #[must_use]
     pub fn outcomes(&self) -> usize {
         self.done + self.missing + self.stopped + self.failures.len()
     }
@@ -172,7 +167,6 @@ impl Row {
 
 impl Cell {
     /// Number of values.
-    #[must_use]
     pub fn n(&self) -> usize {
         self.values.len()
     }
@@ -186,7 +180,7 @@ impl Cell {
 
 /// The columns of the set's metrics, each once.
 fn columns(set: &ResultSet) -> Vec<Column> {
-    distinct(set.metrics.iter()).into_iter().map(|id| Column::of(id)).collect()
+    distinct(set.metrics.iter()).into_iter().map(|id| Column::by_id(id)).collect()
 }
 
 fn rows(set: &ResultSet, metrics: &[Column]) -> Vec<Row> {

@@ -12,7 +12,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Returns the table of `set` as Markdown, with differences, orderings and failures.
-#[must_use]
 pub fn table_text(set: &ResultSet) -> String {
     let table = Table::new(set);
     text::markdown(&table, &orderings(&table))
@@ -97,7 +96,7 @@ const MARKER: &str = "comparison";
 fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
     let path = folder.join("tensorboard");
     let out = AtomicDir::create(&path).map_err(WriteError::at(&path))?;
-    let metrics: Vec<Column> = set.metrics.iter().map(|id| Column::of(id)).collect();
+    let metrics: Vec<Column> = set.metrics.iter().map(|id| Column::by_id(id)).collect();
     let tags: Vec<String> = set.metrics.iter().map(|id| format!("final/{id}")).collect();
     let shown: Vec<(&str, &str)> = tags.iter().map(String::as_str).zip(metrics.iter().map(|m| &*m.head)).collect();
     let several = |f: &dyn Fn(&Outcome) -> &str| set.outcomes.iter().map(f).collect::<BTreeSet<_>>().len() > 1;

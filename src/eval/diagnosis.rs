@@ -33,7 +33,6 @@ fn metrics() -> [String; 2] {
 }
 
 /// Returns the column headings of [`rows`].
-#[must_use]
 pub fn head() -> [String; 6] {
     let [a, b] = metrics().map(|name| display(&name).name().split(", ").take(2).collect::<Vec<_>>().join(", "));
     ["what".into(), "views".into(), a, b, "pixels, %".into(), "squared error, %".into()]
@@ -41,7 +40,6 @@ pub fn head() -> [String; 6] {
 
 /// Returns the table: a row for the training views, for each distance from a trained time, and for each region of the
 /// pictures.
-#[must_use]
 pub fn rows(summary: &Summary) -> Vec<[String; 6]> {
     let none = String::new;
     let shown = metrics();

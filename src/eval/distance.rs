@@ -26,7 +26,6 @@ pub struct AtDistance {
 /// Groups views by their distance from the nearest of the `trained` times, nearest first. A few distances are one group
 /// each; if there are more, views at a trained time are one group, and the others form two halves. There are no groups
 /// without trained times.
-#[must_use]
 pub fn by_distance(views: &[ViewMetrics], trained: &[f64]) -> Vec<AtDistance> {
     if trained.is_empty() {
         return Vec::new();

@@ -54,7 +54,6 @@ impl RegionSums {
     }
 
     /// Returns fractions and PSNR over all views that were added.
-    #[must_use]
     pub fn finish(&self) -> ByRegion {
         let share = |part: f64, whole: f64| if whole > 0.0 { part / whole } else { 0.0 };
         let (pixels, squared) = (self.pixels.iter().sum::<u64>() as f64, self.squared.iter().sum::<f64>());

@@ -29,7 +29,6 @@ pub struct DataId {
 /// the dataset that the run was trained on (`trained`, a fingerprint), `WHAT-NAME` for another, with its fingerprint
 /// appended if `WHAT-NAME` holds results of yet another (or an unknown) dataset. `file` is the file there that
 /// identifies the data, in its fields `dataset` and `fingerprint`.
-#[must_use]
 pub fn results_folder(eval: &Path, what: &str, file: &str, data: &DataId, trained: &str) -> PathBuf {
     if data.fingerprint == trained && !trained.is_empty() {
         return eval.join(what);
@@ -54,7 +53,6 @@ fn owner(file: &Path) -> Option<String> {
 }
 
 /// Plots the first metric, PSNR, of each view over its time, as SVG.
-#[must_use]
 pub fn headline_over_time(evaluation: &Evaluation) -> String {
     let mut points: Vec<(f64, f64)> = evaluation.views.iter().map(|v| (v.time, v.metrics.headline())).collect();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));

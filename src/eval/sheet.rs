@@ -46,7 +46,6 @@ pub struct SheetError {
 }
 
 /// Returns the colour of an error in [0, 1]; NaN is pure green, which no error has.
-#[must_use]
 pub fn error_color(error: f32) -> [u8; 3] {
     if error.is_nan() {
         return [0, 255, 0];

@@ -96,7 +96,6 @@ fn frame<'a>(json: &'a Transforms, n: usize, what: &str) -> Result<&'a FrameReco
 impl OpenRun {
     /// Returns the standard deviation by which drawing widens Gaussians at the scene's centre, in pictures of the size
     /// that it was trained on, scene units: what is measured in space is what was seen.
-    #[must_use]
     pub fn widening(&self) -> f64 {
         self.scene.spec.rendering().widening(self.record.surroundings.pixel())
     }

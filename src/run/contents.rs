@@ -60,8 +60,7 @@ pub struct Contents {
 
 impl Contents {
     /// Checks every file of the run in the folder `run` that a command reads. Nothing is changed.
-    #[must_use]
-    pub fn of(run: &Path) -> Self {
+    pub fn list(run: &Path) -> Self {
         let mut found = Self::default();
         let paths = RunPaths(run);
         found.record(run);
@@ -101,7 +100,6 @@ impl Contents {
     }
 
     /// The first file that is damaged.
-    #[must_use]
     pub fn damaged(&self) -> Option<&Item> {
         self.files.iter().find(|item| !item.ok)
     }

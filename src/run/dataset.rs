@@ -11,7 +11,6 @@ use std::path::{Path, PathBuf};
 
 impl<S: Trained> OpenRun<S> {
     /// Returns the physical space and time of the scene, as far as its dataset gave them.
-    #[must_use]
     pub fn calibration(&self) -> &Calibration {
         &self.record.calibration
     }
@@ -52,7 +51,6 @@ impl<S: Trained> OpenRun<S> {
     }
 
     /// Returns the folder that a user gave with [`OpenRun::with_dataset`].
-    #[must_use]
     pub fn given_dataset(&self) -> Option<&Path> {
         self.dataset.as_deref()
     }

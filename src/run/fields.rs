@@ -40,7 +40,6 @@ impl FieldKind {
     pub const ALL: [Self; 4] = [Self::Density, Self::Velocity, Self::Colour, Self::Luminance];
 
     /// Returns the name that it is parsed from, which it has in files.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Density => "density",
@@ -141,7 +140,6 @@ impl<'r> RunFields<'r> {
     }
 
     /// The unit of these positions in words.
-    #[must_use]
     pub fn length_unit(&self) -> &str {
         let unnamed = if self.grid.file == self.grid.scene { NORMALISED } else { "data units" };
         self.grid.unit.as_deref().unwrap_or(unnamed)
@@ -151,9 +149,9 @@ impl<'r> RunFields<'r> {
     ///
     /// # Errors
     /// If an edit cannot be applied.
-    pub fn at(&self, time: f64) -> Result<Vec<Field>, RunError> {
+    pub fn fields_at(&self, time: f64) -> Result<Vec<Field>, RunError> {
         let scene = &self.run.scene;
-        let at = self.grid.along(self.selection.at(scene, time as f32)?.widened(self.run.widening()));
+        let at = self.grid.along(self.selection.gaussians_at(scene, time as f32)?.widened(self.run.widening()));
         let opacity = at.opacity();
         let labels = vec![0; at.len()];
         let fields = Fields::new(&Cloud::new(&at, &opacity, &labels), &self.grid.scene).map_err(RunError::input)?;

@@ -39,7 +39,6 @@ pub enum Times {
 
 impl Times {
     /// Returns an upper bound on the number of times.
-    #[must_use]
     pub fn count(&self) -> usize {
         match self {
             Self::Even { frames, .. } => *frames,
@@ -48,7 +47,6 @@ impl Times {
     }
 
     /// Lists all times.
-    #[must_use]
     pub fn list(&self) -> Vec<f64> {
         match self {
             Self::Even { from, to, frames } => {
@@ -200,7 +198,6 @@ fn trained_times(run: &OpenRun) -> Vec<f64> {
 }
 
 /// Returns what a reader of the tables should know about how far they can be relied on, one sentence each.
-#[must_use]
 pub fn cautions(found: &Followup, calibration: &Calibration) -> Vec<String> {
     let rows = &found.statistics;
     let of = |n: usize| format!("{n} of {} times", rows.len());

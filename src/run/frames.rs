@@ -110,7 +110,6 @@ fn of_animation(error: AnimationError) -> RunError {
 }
 
 /// Returns whether `out` names a film in a single file, `.png` or `.mp4`, rather than a folder of frames.
-#[must_use]
 pub fn is_film(out: &Path) -> bool {
     let named = |e: &str| out.extension().is_some_and(|found| found.eq_ignore_ascii_case(e));
     (named("png") || named("mp4")) && !out.is_dir()

@@ -43,7 +43,6 @@ pub struct Key {
 
 impl Key {
     /// Returns `shown` seen by this camera at this time.
-    #[must_use]
     pub fn view(&self, shown: &View) -> View {
         let Self { time, eye, target, up, fov, .. } = *self;
         View { time, eye, target, up, fov, ..shown.clone() }
@@ -134,14 +133,12 @@ impl CameraPath {
     }
 
     /// Returns the length of the path in seconds.
-    #[must_use]
     pub fn seconds(&self) -> f64 {
         self.keys[self.keys.len() - 1].seconds - self.keys[0].seconds
     }
 
     /// Returns the camera and time at a moment; before and after the path, those of its first and last keyframe.
-    #[must_use]
-    pub fn at(&self, seconds: f64) -> Key {
+    pub fn key_at(&self, seconds: f64) -> Key {
         let next = self.keys.partition_point(|k| k.seconds <= seconds);
         if next == 0 {
             return self.keys[0];
@@ -176,7 +173,7 @@ impl CameraPath {
         let (from, step) = (self.keys[0].seconds, self.seconds() / (n.max(2) - 1) as f64);
         (0..n).map(move |i| match i + 1 == n && n > 1 {
             true => self.keys[self.keys.len() - 1],
-            false => self.at(from + i as f64 * step),
+            false => self.key_at(from + i as f64 * step),
         })
     }
 
@@ -227,7 +224,6 @@ pub struct SavedPath {
 
 impl SavedPath {
     /// Creates a path of a run, for a file of this name.
-    #[must_use]
     pub fn new(run: &OpenRun, shown: View, keys: Vec<Key>, file: &str) -> Self {
         let mut shown = SavedView::new(run, shown, file);
         shown.command = command(run, "--path", file, "frames");
@@ -235,7 +231,6 @@ impl SavedPath {
     }
 
     /// Returns whether a JSON text is a path of this kind rather than a dataset's list of cameras.
-    #[must_use]
     pub fn is_in(text: &str) -> bool {
         // a text with duplicate `keys` counts too, as it can be read
         serde_json::from_str::<BTreeMap<String, IgnoredAny>>(text).is_ok_and(|all| all.contains_key("keys"))
@@ -287,15 +282,15 @@ mod tests {
     fn it_passes_through_its_keyframes_and_time_runs_evenly_between_them() {
         let path = path();
         for k in &path.keys {
-            assert_eq!(path.at(k.seconds), *k, "to the bit");
+            assert_eq!(path.key_at(k.seconds), *k, "to the bit");
             for near in [-1e-9, 1e-9] {
-                let there = path.at(k.seconds + near);
+                let there = path.key_at(k.seconds + near);
                 assert!(eye(&there).distance(eye(k)) < 1e-6 && (there.fov - k.fov).abs() < 1e-9);
             }
         }
         for w in path.keys.windows(2) {
             for s in [0.1, 0.25, 0.9] {
-                let at = path.at(w[0].seconds + s * (w[1].seconds - w[0].seconds));
+                let at = path.key_at(w[0].seconds + s * (w[1].seconds - w[0].seconds));
                 assert!((at.time - (w[0].time + s * (w[1].time - w[0].time))).abs() < 1e-12);
             }
         }
@@ -304,25 +299,25 @@ mod tests {
             (frames.len(), frames[0], frames[2], frames[3], frames[6]),
             (7, path.keys[0], path.keys[1], path.keys[2], path.keys[3])
         );
-        assert_eq!((path.at(-1.0), path.at(99.0)), (path.keys[0], path.keys[3]));
+        assert_eq!((path.key_at(-1.0), path.key_at(99.0)), (path.keys[0], path.keys[3]));
         assert_eq!(path.frames(1).collect::<Vec<_>>(), [path.keys[0]]);
     }
 
     #[test]
     fn it_has_no_corners_and_an_orbit_stays_at_its_distance() {
         let path = path();
-        let speed = |t: f64| (eye(&path.at(t + 1e-5)) - eye(&path.at(t - 1e-5))) / 2e-5;
+        let speed = |t: f64| (eye(&path.key_at(t + 1e-5)) - eye(&path.key_at(t - 1e-5))) / 2e-5;
         for k in &path.keys[1..3] {
             let [before, after] = [-1e-3, 1e-3].map(|d| speed(k.seconds + d));
             assert!((before - after).length() < 0.05 * before.length().max(1.0), "{before} {after}");
         }
         for t in 0..=20 {
-            let at = path.at(0.1 * f64::from(t));
+            let at = path.key_at(0.1 * f64::from(t));
             assert!((eye(&at).distance(DVec3::from_array(at.target)) - 4.0).abs() < 1e-9, "{at:?}");
             assert!(DVec3::from_array(at.up).distance(DVec3::Z) < 1e-9, "the horizon stays level");
         }
         for t in 0..=60 {
-            let at = path.at(0.1 * f64::from(t));
+            let at = path.key_at(0.1 * f64::from(t));
             check_pose(at.eye, at.target, at.up, at.fov).unwrap();
             let distance = eye(&at).distance(DVec3::from_array(at.target));
             assert!((2.0 - 1e-9..=5.0 + 1e-9).contains(&distance), "never beyond its keyframes: {distance}");
@@ -335,7 +330,7 @@ mod tests {
             key(3.0, 1.0, 90.0, 4.0),
         ]);
         let held = held.unwrap();
-        assert!(eye(&held.at(1.3)).distance(eye(&held.keys[1])) < 1e-9);
+        assert!(eye(&held.key_at(1.3)).distance(eye(&held.keys[1])) < 1e-9);
     }
 
     #[test]

@@ -112,7 +112,6 @@ impl Prepared {
     }
 
     /// Returns the size of its arrays in bytes, without those it shares with the scene.
-    #[must_use]
     pub fn bytes(&self) -> usize {
         match &self.0 {
             Shown::Colours { inputs: None, .. } => 0,
@@ -188,7 +187,6 @@ impl Look {
 
     /// Returns the scale that prepared colours depend on, as text, empty if on none; `None` if the first frame has yet to
     /// set it.
-    #[must_use]
     pub fn settled(&self) -> Option<String> {
         match &self.kind {
             Kind::Velocity { scale, .. } => scale.map(|scale| scale.to_bits().to_string()),
@@ -209,7 +207,6 @@ impl Look {
     }
 
     /// Returns the part of the scene that it draws.
-    #[must_use]
     pub fn selection(&self) -> &Selection {
         &self.selection
     }
@@ -257,7 +254,6 @@ impl Look {
 
     /// Returns what this look prepared, with all Gaussians but the `members` (indices below N, ascending) made faint.
     /// Only opacities change, so this is cheap.
-    #[must_use]
     pub fn highlight(&self, prepared: &Prepared, members: &[u32]) -> Prepared {
         let shown = self.selection.members();
         let stays = |i: usize| {

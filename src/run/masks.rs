@@ -134,7 +134,6 @@ impl MaskPlan {
     }
 
     /// Returns the number of pictures to draw.
-    #[must_use]
     pub fn pictures(&self) -> usize {
         self.shots.len() * self.groups.len()
     }

@@ -36,7 +36,6 @@ pub struct Made {
 
 /// The materials of the transfer function that a dataset was prepared with: its named ranges or, where it has none, its
 /// control points. Empty for a dataset from elsewhere.
-#[must_use]
 pub fn materials(dataset: &Path) -> Vec<Material> {
     let path = dataset.join("transfer-function.toml");
     let Some(function) = path.is_file().then(|| TransferFunction::load(&path.to_string_lossy()).ok()).flatten() else {
@@ -69,7 +68,6 @@ pub struct Assigned<'a> {
 
 impl<'a> Assigned<'a> {
     /// Assigns the canonical Gaussians of a run by their unlit colours.
-    #[must_use]
     pub fn new(run: &OpenRun, materials: &'a [Material]) -> Self {
         Self::of(&run.scene.gaussians.to_host(), materials)
     }
@@ -87,7 +85,6 @@ impl<'a> Assigned<'a> {
 
     /// The material that most of the opacity of `members` is nearest to; `None` if they are invisible, or there are no
     /// materials.
-    #[must_use]
     pub fn most(&self, members: &[u32]) -> Option<Made> {
         let mut weights = vec![0.0; self.materials.len()];
         for &i in members {

@@ -70,14 +70,12 @@ impl MeasuredOn {
     }
 
     /// Returns the run's own data, as it was when the run was trained.
-    #[must_use]
     pub fn own<S: Trained>(run: &OpenRun<S>, trained_times: Vec<f64>) -> Self {
         let (dataset, fingerprint) = (run.record.dataset.clone(), run.record.fingerprint.clone());
         Self { data: DataId { dataset, fingerprint }, trained_times, note: None, other_views: false }
     }
 
     /// Returns whether the run was trained on this data.
-    #[must_use]
     pub fn is_own<S: Trained>(&self, run: &OpenRun<S>) -> bool {
         self.data.fingerprint == run.record.fingerprint
     }

@@ -25,8 +25,7 @@ pub enum NumberFormat {
 
 impl NumberFormat {
     /// The format of a file with this name; `None` if it names neither.
-    #[must_use]
-    pub fn of(path: &Path) -> Option<Self> {
+    pub fn by_extension(path: &Path) -> Option<Self> {
         let named = |e: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(e));
         [(Self::Npy, "npy"), (Self::Exr, "exr")].into_iter().find(|(_, e)| named(e)).map(|(format, _)| format)
     }
@@ -52,7 +51,6 @@ impl Quantity {
     }
 
     /// What the numbers are, with their unit.
-    #[must_use]
     pub fn describe(self, calibration: &Calibration) -> String {
         let (length, time) = (calibration.length_unit(), calibration.time_unit());
         match self {

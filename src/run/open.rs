@@ -89,7 +89,6 @@ impl OpenRun {
 
     /// Returns the same run again, for work on another thread: the scene is shared and nothing is read. It holds no
     /// lock.
-    #[must_use]
     pub fn share(&self) -> Self {
         let Self { path, scene, scene_path, record, config, dataset, .. } = self;
         let (path, scene_path, record) = (path.clone(), scene_path.clone(), record.clone());
@@ -99,7 +98,6 @@ impl OpenRun {
 
     /// Creates a run that this process is training, with its scene after `step` steps, which may not be in any file;
     /// `record` is the last one written.
-    #[must_use]
     pub fn in_training(path: &Path, scene: Scene, step: usize, record: RunRecord, config: Config) -> Self {
         let scene_path = scene_at(path, step);
         Self { path: path.to_owned(), _lock: None, scene, scene_path, record, config, dataset: None }
@@ -126,7 +124,6 @@ impl OpenRun {
     }
 
     /// Returns an empty segmentation of the run's scene.
-    #[must_use]
     pub fn no_segments(&self) -> Segmentation {
         Segmentation::new(self.scene.gaussians.count(), self.scene.fingerprint())
     }
@@ -207,13 +204,11 @@ impl AnyRun {
 
 impl<S: Trained> OpenRun<S> {
     /// Returns the trained model as one that can be drawn.
-    #[must_use]
     pub fn model(&self) -> &dyn Model {
         self.scene.model()
     }
 
     /// Returns the device that it is on.
-    #[must_use]
     pub fn device(&self) -> Device {
         self.model().device()
     }
@@ -235,13 +230,11 @@ impl<S: Trained> OpenRun<S> {
     }
 
     /// Returns the number of steps that the scene was trained for.
-    #[must_use]
     pub fn step(&self) -> Option<usize> {
         checkpoint::step_of(self.scene_path.parent()?)
     }
 
     /// Returns the name of the opened checkpoint if it is not the newest of the run.
-    #[must_use]
     pub fn older_step(&self) -> Option<String> {
         let opened = self.scene_path.parent()?.file_name()?;
         let newest = checkpoint::list(&self.path).pop();
@@ -250,7 +243,6 @@ impl<S: Trained> OpenRun<S> {
     }
 
     /// Returns the seconds of training up to the opened checkpoint.
-    #[must_use]
     pub fn training_seconds(&self) -> f64 {
         // the record describes the last steps of the run, or those before a training that was killed
         let of_checkpoint = (self.step() != Some(self.record.steps)).then(|| self.checkpoint_state()).flatten();
@@ -258,7 +250,6 @@ impl<S: Trained> OpenRun<S> {
     }
 
     /// Returns whether the numbers of the opened checkpoint were rounded, see [`pack`](super::pack).
-    #[must_use]
     pub fn is_packed(&self) -> bool {
         self.checkpoint_state().is_some_and(|state| state.packed)
     }
@@ -269,7 +260,6 @@ impl<S: Trained> OpenRun<S> {
     }
 
     /// Returns the paths of the run's files.
-    #[must_use]
     pub fn paths(&self) -> RunPaths<'_> {
         RunPaths(&self.path)
     }

@@ -30,7 +30,6 @@ impl Palette {
     pub const ALL: [Self; 5] = [Self::Viridis, Self::Cividis, Self::Inferno, Self::CoolWarm, Self::RedGreen];
 
     /// Returns the name that it is parsed from.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Viridis => "viridis",
@@ -42,7 +41,6 @@ impl Palette {
     }
 
     /// Returns the colours at its low and its high end, in words.
-    #[must_use]
     pub fn ends(self) -> [&'static str; 2] {
         match self {
             Self::Viridis | Self::Cividis => ["dark blue", "yellow"],
@@ -53,14 +51,12 @@ impl Palette {
     }
 
     /// Returns the colour of 0 in a map for signed values, in words.
-    #[must_use]
     pub fn middle(self) -> &'static str {
         if self == Self::RedGreen { "black" } else { "light grey" }
     }
 
     /// Returns the default palette for `show`; `None` if its colours stand for no numbers.
-    #[must_use]
-    pub fn of(show: Show) -> Option<Self> {
+    pub fn for_show(show: Show) -> Option<Self> {
         match show {
             Show::Depth => Some(Self::Viridis),
             Show::Velocity(Component::Speed) => Some(Self::Inferno),
@@ -79,7 +75,7 @@ impl Palette {
     /// # Errors
     /// If the requested palette is for other values than those of `show`.
     pub fn choose(asked: Option<Self>, show: Show) -> Result<Option<Self>, String> {
-        let usual = Self::of(show);
+        let usual = Self::for_show(show);
         match (asked, usual) {
             (None, _) => Ok(usual),
             (Some(asked), Some(usual)) if asked.is_signed() == usual.is_signed() => Ok(Some(asked)),
@@ -93,7 +89,6 @@ impl Palette {
     }
 
     /// Maps values `[N]` to colours; the ends of the scale are at `full` and, for signed values, at `-full`.
-    #[must_use]
     pub fn colours(self, values: &[f32], full: f32) -> Vec<[f32; 3]> {
         match self {
             Self::RedGreen => signed(values, full).collect(),
@@ -103,14 +98,12 @@ impl Palette {
     }
 
     /// Maps the depth of a picture to colours `[H, W, 4]`, near ones light.
-    #[must_use]
     pub fn depth(self, picture: &Picture, range: [f32; 2], background: [f32; 3]) -> Vec<f32> {
         depth_colours(picture, range, background, self.name())
     }
 
     /// Returns the colours of the scale at even steps from its low to its high end, 8 bits each; `far` if high values
     /// are dark.
-    #[must_use]
     pub fn scale(self, far: bool) -> Vec<[u8; 3]> {
         let map = named(self.name()).unwrap_or_default();
         let colour = |k: usize| {

@@ -100,7 +100,6 @@ pub struct Hit {
 
 impl Clicking {
     /// Prepares the scene at `time`. Clicks can select only if there is a `field`.
-    #[must_use]
     pub fn new(
         run: &OpenRun,
         segments: &Segmentation,
@@ -251,7 +250,7 @@ impl Clicking {
 ///
 /// # Errors
 /// [`ClickError::Outside`] or [`ClickError::Nothing`].
-pub fn place(
+pub fn surface_point(
     (at, rendering): (&HostGaussians, Rendering),
     camera: &Camera,
     pixel: [u32; 2],

@@ -176,7 +176,6 @@ pub fn draw_run(run: &AnyRun, views: &Split, data: &Path, load_seconds: f64) -> 
 }
 
 /// Formats both sides as a Markdown table.
-#[must_use]
 pub fn table(volumes: &VolumeCosts, run: &RunCosts) -> String {
     let gigabytes = |bytes: u64| if bytes == 0 { "unknown".to_owned() } else { format!("{:.2}", bytes as f64 / 1e9) };
     let milliseconds = |seconds: f64| format!("{:.1}", 1e3 * seconds);

@@ -49,7 +49,6 @@ pub struct SavedView {
 
 impl SavedView {
     /// Creates a view of a run, for a file of this name.
-    #[must_use]
     pub fn new(run: &OpenRun, view: View, file: &str) -> Self {
         let command = command(run, "--view", file, "still");
         let (version, scene) = (env!("CARGO_PKG_VERSION").into(), run.scene.fingerprint());
@@ -63,7 +62,7 @@ impl SavedView {
     /// If it cannot be drawn.
     pub fn picture(run: &OpenRun, mut view: View, file: &str) -> Result<Vec<u8>, RunError> {
         view.check().map_err(RunError::input)?;
-        let mut look = view.look(run)?;
+        let mut look = view.open_look(run)?;
         let camera = view.camera(1.0);
         let image = look.frame(&run.scene, (camera.to_kernel(), view.time as f32))?;
         view.range = look.legend().and_then(|l| l.scene_range);
@@ -144,7 +143,6 @@ impl SavedView {
     }
 
     /// Returns whether it was saved from another scene than this run's.
-    #[must_use]
     pub fn is_of_another(&self, run: &OpenRun) -> bool {
         !self.scene.is_empty() && self.scene != run.scene.fingerprint()
     }
@@ -152,7 +150,6 @@ impl SavedView {
 
 /// Returns the command that renders what an option of the run selects; `value` is the name of a file, or the JSON of a
 /// view itself.
-#[must_use]
 pub fn command(run: &OpenRun, option: &str, value: &str, out: &str) -> String {
     format!("volseggs render {} {option} {} --out {out}", shell::path(&run.path), shell::quote(value))
 }

@@ -33,7 +33,6 @@ pub enum Towards {
 
 impl Towards {
     /// Returns the command that does it.
-    #[must_use]
     pub fn verb(self) -> &'static str {
         match self {
             Self::Undo => "undo",
@@ -72,7 +71,6 @@ impl RunSegments {
 
     /// Reads the segments in order to replace them: a file that cannot be used is no obstacle, but its error is
     /// returned.
-    #[must_use]
     pub fn replacing(run: &OpenRun) -> (Self, Option<RunError>) {
         match Self::open(run) {
             Ok(segments) => (segments, None),
@@ -81,7 +79,6 @@ impl RunSegments {
     }
 
     /// Returns no segments, whatever the file holds: for a run whose scene is still being trained.
-    #[must_use]
     pub fn none(run: &OpenRun) -> Self {
         Self::of(run, History::new(run.no_segments()))
     }
@@ -93,7 +90,6 @@ impl RunSegments {
     }
 
     /// Returns the current segments.
-    #[must_use]
     pub fn now(&self) -> &Segmentation {
         self.found.now()
     }
@@ -124,7 +120,6 @@ impl RunSegments {
     }
 
     /// Returns the changes that can be undone or redone, the next one first.
-    #[must_use]
     pub fn steps(&self, towards: Towards) -> Vec<&str> {
         match towards {
             Towards::Undo => self.found.undoable(),
@@ -330,7 +325,6 @@ pub(super) fn check_clusters(clusters: usize, points: usize, of: &str, dimension
 }
 
 /// Draws the first [`SHOWN`] of the `segments`, each alone from three sides, one row per segment.
-#[must_use]
 pub fn sheet(run: &OpenRun, around: &Surroundings, at: &HostGaussians, segments: &[Segment]) -> RgbImage {
     let (width, height) = (around.lens.width as usize, around.lens.height as usize);
     let rendering = run.scene.spec.rendering();

@@ -111,25 +111,21 @@ impl Selection {
     }
 
     /// Returns whether there is a preview.
-    #[must_use]
     pub fn has_preview(&self) -> bool {
         !self.preview.is_empty()
     }
 
     /// Returns how many of the run's edits are applied.
-    #[must_use]
     pub fn edits(&self) -> usize {
         self.edits.operations.len()
     }
 
     /// Returns whether this is the whole scene as trained.
-    #[must_use]
     pub fn is_plain(&self) -> bool {
         self.members.is_none() && self.edits.operations.is_empty() && self.preview.is_empty() && self.hidden.is_empty()
     }
 
     /// Returns the indices shown, or `None` for all.
-    #[must_use]
     pub fn members(&self) -> Option<&[u32]> {
         self.members.as_deref()
     }
@@ -161,7 +157,7 @@ impl Selection {
     ///
     /// # Errors
     /// If an edit cannot be applied.
-    pub fn at(&self, scene: &Scene, time: f32) -> Result<HostGaussians, RunError> {
+    pub fn gaussians_at(&self, scene: &Scene, time: f32) -> Result<HostGaussians, RunError> {
         Ok(self.cut(self.edited(scene, time)?))
     }
 
@@ -180,7 +176,6 @@ impl Selection {
     }
 
     /// Reduces all N Gaussians to those of the selected segments.
-    #[must_use]
     pub fn cut(&self, all: HostGaussians) -> HostGaussians {
         match &self.members {
             Some(members) => all.subset(members),
@@ -193,7 +188,7 @@ impl Selection {
     /// # Errors
     /// If an edit cannot be applied.
     pub fn visible(&self, scene: &Scene, time: f32) -> Result<HostGaussians, RunError> {
-        let at = self.at(scene, time)?;
+        let at = self.gaussians_at(scene, time)?;
         if self.edits.operations.is_empty() && self.preview.is_empty() {
             return Ok(at);
         }

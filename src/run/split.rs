@@ -119,7 +119,6 @@ pub fn split(
 }
 
 /// Draws the whole segment from four sides, as it is and coloured by part.
-#[must_use]
 pub fn sheet(run: &OpenRun, around: &Surroundings, parts: &Parts) -> RgbImage {
     let painted = flat(parts.alone.clone(), parts.shades.iter().map(|shade| shade.unwrap_or(NO_PART)));
     let (width, height) = (around.lens.width as usize, around.lens.height as usize);

@@ -11,7 +11,6 @@ pub const BROKEN_OFF: &str = "broken off";
 /// Returns the training status of the run in folder `run` whose record says `recorded`: that, or [`BROKEN_OFF`] if it
 /// says [`RUNNING`] but nobody holds the run's lock. If the system gives no information about locks, the record is
 /// trusted.
-#[must_use]
 pub fn status<'r>(run: &Path, recorded: &'r str) -> &'r str {
     match RunLock::is_held(run) {
         Some(false) if recorded == RUNNING => BROKEN_OFF,

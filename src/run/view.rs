@@ -76,7 +76,6 @@ impl View {
     }
 
     /// Returns the camera for the fraction `part` of the full size.
-    #[must_use]
     pub fn camera(&self, part: f64) -> Camera {
         let side = |n: u32| ((f64::from(n) * part).round() as u32).max(1);
         let [eye, target, up] = [self.eye, self.target, self.up].map(DVec3::from_array);
@@ -87,7 +86,7 @@ impl View {
     ///
     /// # Errors
     /// If the look or a segment is unknown, or a file of the run is damaged.
-    pub fn look(&self, run: &OpenRun) -> Result<Look, RunError> {
+    pub fn open_look(&self, run: &OpenRun) -> Result<Look, RunError> {
         self.look_at(run, Selection::open(run, &self.alone, self.edits)?)
     }
 

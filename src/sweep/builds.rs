@@ -23,7 +23,6 @@ pub struct OtherBuilds {
 
 impl OtherBuilds {
     /// Searches the folder of the runs of `plan` for them.
-    #[must_use]
     pub fn find(plan: &Plan) -> Self {
         let places: HashMap<&str, usize> =
             plan.runs.iter().enumerate().map(|(i, run)| (parts(&run.key).0, i)).collect();
@@ -45,16 +44,14 @@ impl OtherBuilds {
     }
 
     /// Returns the keys of the finished runs that could replace run `index`, newest first.
-    #[must_use]
-    pub fn of(&self, index: usize) -> &[String] {
+    pub fn of_run(&self, index: usize) -> &[String] {
         self.keys.get(&index).map_or(&[], Vec::as_slice)
     }
 
     /// Returns replacements for those of `runs` that the plan's build has not finished: the newest key, by run.
-    #[must_use]
     pub fn replacements(&self, plan: &Plan, runs: &[usize]) -> BTreeMap<usize, String> {
         let open = |i: &&usize| progress(plan, **i) != Progress::Done && trained(&plan.run_folder(**i)).is_none();
-        runs.iter().filter(open).filter_map(|i| Some((*i, self.of(*i).first()?.clone()))).collect()
+        runs.iter().filter(open).filter_map(|i| Some((*i, self.of_run(*i).first()?.clone()))).collect()
     }
 }
 
@@ -103,7 +100,6 @@ pub struct View {
 
 /// Returns what a table of `plan` shows: the runs of its own build or, if none of them has ended, those of the build
 /// that finished the most; builds are mixed only if `any` is set.
-#[must_use]
 pub fn view(plan: &Plan, any: bool) -> View {
     let others = OtherBuilds::find(plan);
     // a failed run is shown as such, and not replaced
@@ -111,7 +107,7 @@ pub fn view(plan: &Plan, any: bool) -> View {
     let none = open.len() == plan.runs.len();
     let measured = |i: usize, key: &&String| progress_in(plan, i, &plan.runs_folder.join(key)) == Progress::Done;
     let candidates: Vec<(usize, Vec<&String>)> =
-        open.into_iter().map(|i| (i, others.of(i).iter().filter(|key| measured(i, key)).collect())).collect();
+        open.into_iter().map(|i| (i, others.of_run(i).iter().filter(|key| measured(i, key)).collect())).collect();
     let newest: BTreeMap<usize, String> =
         candidates.iter().filter_map(|(i, keys)| Some((*i, (*keys.first()?).clone()))).collect();
     let mut shown = plan.clone();
@@ -220,8 +216,8 @@ mod tests {
         train(&plan, "0011223344556677-aaaaaaaaaaaa");
         train(&plan, &format!("{before}-x"));
         let found = OtherBuilds::find(&plan);
-        assert_eq!((found.of(0), found.of(1)), (&[old.clone(), before.clone()][..], &[][..]));
-        assert_eq!(tally(found.of(0).iter()), "build aaaaaaaaaaaa: 1, build dddddddddddd: 1");
+        assert_eq!((found.of_run(0), found.of_run(1)), (&[old.clone(), before.clone()][..], &[][..]));
+        assert_eq!(tally(found.of_run(0).iter()), "build aaaaaaaaaaaa: 1, build dddddddddddd: 1");
         let replacements = found.replacements(&plan, &[0, 1]);
         assert_eq!(replacements, BTreeMap::from([(0, old.clone())]));
         // a run that was taken over keeps its build when another build works on the plan; the plan's other run does not

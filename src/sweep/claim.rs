@@ -119,7 +119,6 @@ pub fn claim(folder: &Path) -> io::Result<Claimed> {
 }
 
 /// Returns who has the run in `folder` according to its files; `None` if nobody, or if the holder is known to be dead.
-#[must_use]
 pub fn holder(folder: &Path) -> Option<Holder> {
     let (_, holder) = newest(folder).ok()??;
     holder.filter(|h| !h.released && h.is_gone(&Holder::me()) != Some(true))

@@ -12,7 +12,6 @@ use crate::program::short;
 use std::path::Path;
 
 /// Collects the outcomes of the sweep in `dir`; those that are not done are included as missing, failed or stopped.
-#[must_use]
 pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
     let stopped = plan.halving.as_ref().map(|_| halving::stopped(dir)).unwrap_or_default();
     let mut outcomes = Vec::new();

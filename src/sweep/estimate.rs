@@ -86,7 +86,6 @@ pub struct Estimate {
 }
 
 /// Estimates the cost of a run of `config` on `data`, measured as `eval` specifies.
-#[must_use]
 pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
     let factor = f64::from(config.data.downscale.max(1));
     let pixels = f64::from(data.size[0]) * f64::from(data.size[1]) / (factor * factor);
@@ -174,7 +173,6 @@ fn cores() -> f64 {
 }
 
 /// Estimates what is left of `runs`, `jobs` at a time; failed runs count if they are tried again (`retry`).
-#[must_use]
 pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize, retry: bool) -> Estimate {
     let cores = cores();
     // its cost, and that of its segments that are not measured yet
@@ -194,7 +192,7 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize, retry: bool) -> Estima
     let (mut seconds, mut around, mut memory, mut open) = (0.0, 0.0, 0.0f64, 0);
     for (i, run) in plan.runs.iter().enumerate() {
         let Some((cost, segments)) = of(i, run) else { continue };
-        let of_others = || others.of(i).first().and_then(|key| record(&plan.runs_folder.join(key)));
+        let of_others = || others.of_run(i).first().and_then(|key| record(&plan.runs_folder.join(key)));
         let own = record(&plan.run_folder(i));
         let trained = own.is_some();
         if let Some(record) = own.or_else(of_others) {

@@ -326,7 +326,6 @@ impl SyntheticSpec {
     }
 
     /// Voxels per axis; by default, a voxel is about as large as a pixel.
-    #[must_use]
     pub fn voxels(&self) -> usize {
         self.voxels.unwrap_or((self.size as usize * 12 / 25).clamp(24, 256))
     }
@@ -336,7 +335,6 @@ impl SyntheticSpec {
 const MAX_NAME_BYTES: usize = 80;
 
 /// The file's name without its extension, as a [`Name`] of a folder.
-#[must_use]
 pub fn name_of(path: &Path) -> String {
     let stem = path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
     let fits = |c: char| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '-' };

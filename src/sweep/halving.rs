@@ -15,7 +15,6 @@ type Group<'a> = (&'a str, &'a str, &'a str);
 
 /// Returns those of `runs` that continue beyond `rung`: for each dataset and device, the best fraction `keep` of the
 /// variants, at least one.
-#[must_use]
 pub fn survivors(plan: &Plan, runs: &[usize], rung: usize, keep: f64) -> Vec<usize> {
     let chosen: BTreeSet<usize> = runs.iter().copied().collect();
     let mut scores: BTreeMap<Group<'_>, Vec<f64>> = BTreeMap::new();
@@ -71,7 +70,6 @@ pub fn save(dir: &Path, plan: &Plan, judged: &[usize], now: &BTreeMap<String, us
 }
 
 /// Reads the step at which each stopped run of the sweep was stopped, by key.
-#[must_use]
 pub fn stopped(dir: &Path) -> BTreeMap<String, usize> {
     read::<Stopped>(&file(dir)).unwrap_or_default().steps
 }

@@ -8,25 +8,21 @@ use sha2::{Digest, Sha256};
 
 /// Returns what is trained as 16 hexadecimal digits: a hash of the resolved configuration (TOML), the dataset's
 /// fingerprint, the device, the version of the program and the sweep's `tag`.
-#[must_use]
 pub fn recipe(config: &str, dataset: &str, device: &str, tag: &str) -> String {
     hash(&[env!("CARGO_PKG_VERSION"), config, dataset, device, tag])
 }
 
 /// Returns the key of a run of `recipe` by the build with digest `build`; the name of its folder.
-#[must_use]
 pub fn key(recipe: &str, build: &str) -> String {
     format!("{recipe}-{}", short(build))
 }
 
 /// Splits a key into recipe and build.
-#[must_use]
 pub fn parts(key: &str) -> (&str, &str) {
     key.split_once('-').unwrap_or((key, ""))
 }
 
 /// Whether `key` has the form of a key: two hexadecimal numbers.
-#[must_use]
 pub fn is_key(key: &str) -> bool {
     let number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_hexdigit());
     key.split_once('-').is_some_and(|(recipe, build)| number(recipe) && number(build))
@@ -43,7 +39,6 @@ fn hash(texts: &[&str]) -> String {
 }
 
 /// Returns a hash of `text`, eight hexadecimal digits.
-#[must_use]
 pub fn short_hash(text: &str) -> String {
     hex(&Sha256::digest(text)[..4])
 }

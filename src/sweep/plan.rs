@@ -280,7 +280,6 @@ impl Plan {
     }
 
     /// Returns the folder of run `index`.
-    #[must_use]
     pub fn run_folder(&self, index: usize) -> PathBuf {
         self.runs_folder.join(&self.runs[index].key)
     }
@@ -308,7 +307,6 @@ impl Plan {
     }
 
     /// Returns what distinguishes this plan from others of the same sweep, eight hexadecimal digits.
-    #[must_use]
     pub fn hash(&self) -> String {
         short_hash(&self.text())
     }

@@ -45,13 +45,11 @@ pub struct Failure {
 }
 
 /// Path of the metrics of the evaluation of run `index`, in its folder.
-#[must_use]
 pub fn metrics_path(plan: &Plan, index: usize) -> PathBuf {
     metrics_in(plan, index, &plan.run_folder(index))
 }
 
 /// Like [`metrics_path`], but in `folder`.
-#[must_use]
 pub fn metrics_in(plan: &Plan, index: usize, folder: &Path) -> PathBuf {
     // when a program adds metrics, everything is measured again
     let added = METRICS.names().into_iter().filter(|name| !METRICS.is_built_in(name));
@@ -62,7 +60,6 @@ pub fn metrics_in(plan: &Plan, index: usize, folder: &Path) -> PathBuf {
 }
 
 /// Path of the metrics by segment of run `index`, measured as `spec` specifies, in its folder.
-#[must_use]
 pub fn segments_path(plan: &Plan, index: usize, spec: &SegmentOptions) -> PathBuf {
     segments_in(plan, index, spec, &plan.run_folder(index))
 }
@@ -81,7 +78,6 @@ fn measured_on(plan: &Plan, index: usize) -> &str {
 }
 
 /// Path of the file in `folder` that says why its run failed.
-#[must_use]
 pub fn failure_path(folder: &Path) -> PathBuf {
     folder.join("failed.json")
 }
@@ -91,19 +87,16 @@ fn text_of(value: &impl Serialize) -> String {
 }
 
 /// Reads one of these files; `None` if it is missing or not complete.
-#[must_use]
 pub fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
     versioned::from_json(read_text(path).ok()?).ok()
 }
 
 /// Reads what was measured of a whole run; `None` if the file is missing or not complete.
-#[must_use]
 pub fn read_metrics(path: &Path) -> Option<Measured<Metrics>> {
     read(path)
 }
 
 /// Reads what was measured of segments, by their name; `None` if the file is missing or not complete.
-#[must_use]
 pub fn read_segments(path: &Path) -> Option<Measured<BTreeMap<String, Metrics>>> {
     read(path)
 }
@@ -146,13 +139,11 @@ fn other_format(path: &Path) -> Option<String> {
 }
 
 /// Returns how far run `index` of `plan` is.
-#[must_use]
 pub fn progress(plan: &Plan, index: usize) -> Progress {
     progress_in(plan, index, &plan.run_folder(index))
 }
 
 /// Like [`progress`], but in `folder`.
-#[must_use]
 pub fn progress_in(plan: &Plan, index: usize, folder: &Path) -> Progress {
     let metrics = metrics_in(plan, index, folder);
     let segments: Vec<PathBuf> =
@@ -167,7 +158,6 @@ pub fn progress_in(plan: &Plan, index: usize, folder: &Path) -> Progress {
 }
 
 /// Returns the last test PSNR in a run's log up to `step`, after the step that it is of.
-#[must_use]
 pub fn live_psnr(folder: &Path, step: usize) -> Option<(usize, f64)> {
     let test = curves::read(folder).test.into_iter().map(|(at, psnr)| (at as usize, psnr));
     test.take_while(|(at, _)| *at <= step).last()

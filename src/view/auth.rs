@@ -28,13 +28,11 @@ impl Token {
     }
 
     /// Returns the token in hexadecimal digits.
-    #[must_use]
     pub fn text(&self) -> &str {
         &self.0
     }
 
     /// Whether `given` is the token; the time that this takes reveals nothing about the digits.
-    #[must_use]
     pub fn is(&self, given: &str) -> bool {
         bool::from(self.0.as_bytes().ct_eq(given.as_bytes()))
     }
@@ -60,7 +58,6 @@ pub struct Guard {
 
 impl Guard {
     /// Makes the rules of a server, also reachable as any of `hosts` (names or addresses, without ports).
-    #[must_use]
     pub fn new(token: Token, hosts: Vec<String>) -> Self {
         let digest = Sha256::digest(token.text());
         let cookie = digest.iter().take(4).fold("volseggs-".to_owned(), |name, byte| format!("{name}{byte:02x}"));
@@ -69,7 +66,6 @@ impl Guard {
 
     /// Whether `Host` names this server: the loopback, or one of the allowed names. The port does not matter, as ssh
     /// may have changed it.
-    #[must_use]
     pub fn allows_host(&self, host: Option<&str>) -> bool {
         let Some(name) = host.and_then(name_of) else { return false };
         let loopback =
@@ -79,7 +75,6 @@ impl Guard {
 
     /// Whether the request comes from a page of this server: its origin is `http://` or `https://` and the `Host` of
     /// the request, port included.
-    #[must_use]
     pub fn allows_origin(&self, origin: Option<&str>, host: Option<&str>) -> bool {
         let (Some(origin), Some(host)) = (origin, host) else { return false };
         let of = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
@@ -87,13 +82,11 @@ impl Guard {
     }
 
     /// Whether the token is right.
-    #[must_use]
     pub fn allows_token(&self, token: &str) -> bool {
         self.token.is(token)
     }
 
     /// Whether the `Cookie` header holds the token.
-    #[must_use]
     pub fn allows_cookie(&self, header: Option<&str>) -> bool {
         let of_ours = |part: &str| {
             let (name, value) = part.trim().split_once('=')?;
@@ -103,7 +96,6 @@ impl Guard {
     }
 
     /// Returns the `Set-Cookie` header for a client that gave the token.
-    #[must_use]
     pub fn set_cookie(&self) -> String {
         format!("{}={}; HttpOnly; SameSite=Strict; Path=/", self.cookie, self.token.text())
     }

@@ -37,7 +37,6 @@ pub struct BackgroundChanges {
 
 impl BackgroundChanges {
     /// Starts without any; `hub` wakes the drawing thread.
-    #[must_use]
     pub fn new(hub: Arc<Hub>) -> Self {
         Self { hub, running: Vec::new() }
     }

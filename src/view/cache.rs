@@ -14,7 +14,6 @@ pub struct Cache {
 
 impl Cache {
     /// Makes a cache that holds at most `max_bytes` bytes.
-    #[must_use]
     pub fn new(max_bytes: usize) -> Self {
         Self { held: HashMap::new(), bytes: 0, max_bytes, clock: 0 }
     }

@@ -10,7 +10,7 @@ use super::workspace::Workspace;
 use crate::name::Name;
 use crate::run::RunError;
 use crate::run::look::{Legend, Look, Prepared};
-use crate::run::pick::{ClickError, Hit, place};
+use crate::run::pick::{ClickError, Hit, surface_point};
 use crate::segment::pick::{Meaning, PickOptions, Picked};
 use std::time::Instant;
 use tokio::sync::mpsc::Sender;
@@ -153,7 +153,8 @@ impl Client {
         let found = &mut self.looks[side.index()];
         if found.as_ref().is_none_or(|(k, _)| *k != key) {
             let view = usable(space, view);
-            let look = if run.is_some() { view.look_of_another(&space.shown.run) } else { view.look(&space.shown.run) };
+            let look =
+                if run.is_some() { view.look_of_another(&space.shown.run) } else { view.open_look(&space.shown.run) };
             *found = Some((key.clone(), look?));
         }
         match found {
@@ -251,9 +252,9 @@ impl Client {
     pub fn point(&self, space: &Workspace, pixel: [u32; 2]) -> Result<[f64; 3], ClickError> {
         let view = self.view.as_ref().ok_or_else(|| RunError::input("nothing is shown yet"))?;
         let run = &space.shown.run;
-        let at = usable(space, view).look(run)?.selection().at(&run.scene, view.time as f32)?;
+        let at = usable(space, view).open_look(run)?.selection().gaussians_at(&run.scene, view.time as f32)?;
         let click = &run.config.segment.click;
-        place((&at, run.scene.spec.rendering()), &view.camera(1.0), pixel, click, view.time, &run.device())
+        surface_point((&at, run.scene.spec.rendering()), &view.camera(1.0), pixel, click, view.time, &run.device())
     }
 
     /// Repeats the last click, with another meaning.

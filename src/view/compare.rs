@@ -17,13 +17,11 @@ pub enum Side {
 
 impl Side {
     /// Returns 0 for the picture, 1 for the one beside it.
-    #[must_use]
     pub fn index(self) -> usize {
         usize::from(self != Self::Picture)
     }
 
     /// Returns the number of the other run, if it shows one.
-    #[must_use]
     pub fn run(self) -> Option<usize> {
         match self {
             Self::OfRun(run) => Some(run),
@@ -57,7 +55,6 @@ pub enum Compare {
 
 impl Compare {
     /// Returns which picture is drawn beside the first.
-    #[must_use]
     pub fn side(&self) -> Side {
         match *self {
             Self::Run { run } => Side::OfRun(run),
@@ -82,7 +79,6 @@ impl Compare {
     }
 
     /// Returns the view beside `view`, if one is to be drawn; its colours have the same scale, `range`.
-    #[must_use]
     pub fn other(&self, view: &View, range: Option<[f32; 2]>) -> Option<View> {
         let same = View { range: view.range.or(range), ..view.clone() };
         match *self {

@@ -19,7 +19,6 @@ pub struct Picture {
 impl Picture {
     /// Makes a picture of `rgb`, to be encoded as JPEG of a quality in percent, or lossless. Codec and size of `info`
     /// follow from the two.
-    #[must_use]
     pub fn new(info: FrameInfo, rgb: RgbImage, quality: Option<u8>) -> Self {
         let codec = if quality.is_some() { Codec::Jpeg } else { Codec::Png };
         let size = [rgb.width(), rgb.height()];
@@ -27,7 +26,6 @@ impl Picture {
     }
 
     /// Returns its header, without the time to encode it.
-    #[must_use]
     pub fn info(&self) -> &FrameInfo {
         &self.info
     }

@@ -33,7 +33,6 @@ impl Preview {
     }
 
     /// Returns the edits to show on the document of `revision`.
-    #[must_use]
     pub fn edits_on(preview: Option<&Self>, revision: u64) -> Vec<Edit> {
         preview.filter(|p| p.base == revision).map(|p| p.edits.clone()).unwrap_or_default()
     }

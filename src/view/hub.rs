@@ -26,7 +26,6 @@ pub enum Outgoing {
 
 impl Outgoing {
     /// Whether nothing comes after it.
-    #[must_use]
     pub fn is_last(&self) -> bool {
         matches!(self, Self::Text(answer) if matches!(**answer, Answer::Ended { .. }))
     }
@@ -65,7 +64,6 @@ impl Hub {
     }
 
     /// Whether so many events wait that clients must be slowed down.
-    #[must_use]
     pub fn is_full(&self) -> bool {
         self.inbox().events.len() >= MAX_WAITING
     }

@@ -217,13 +217,11 @@ impl Listening {
     }
 
     /// Returns where it can be reached.
-    #[must_use]
     pub fn serving(&self) -> &Serving {
         &self.serving
     }
 
     /// Returns how the viewer is served.
-    #[must_use]
     pub fn options(&self) -> &ServingOptions {
         &self.options
     }

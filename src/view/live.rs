@@ -121,13 +121,11 @@ pub struct Live {
 
 impl Live {
     /// Makes the state of a training that has not begun; `hub` wakes the drawing thread.
-    #[must_use]
     pub fn new(hub: Arc<Hub>) -> Self {
         Self { state: Mutex::default(), begins: Condvar::new(), hub }
     }
 
     /// Waits for the run with the scene before the first step; `None` if the training ends before that.
-    #[must_use]
     pub fn begun(&self) -> Option<Begun> {
         let mut state = self.lock();
         while state.run.is_none() && state.end.is_none() {
@@ -137,7 +135,6 @@ impl Live {
     }
 
     /// Returns the progress of the training.
-    #[must_use]
     pub fn progress(&self) -> Progress {
         self.lock().progress.clone()
     }
@@ -148,7 +145,6 @@ impl Live {
     }
 
     /// Takes the copy that the trainer left, which is shown from now on.
-    #[must_use]
     pub fn take(&self) -> Option<SceneCopy> {
         self.lock().copy.take()
     }
@@ -160,7 +156,6 @@ impl Live {
     }
 
     /// Whether something is to be sent at once; resets this.
-    #[must_use]
     pub fn has_news(&self) -> bool {
         std::mem::take(&mut self.lock().news)
     }
@@ -178,7 +173,6 @@ impl Live {
     }
 
     /// Returns why the training ended, if it has.
-    #[must_use]
     pub fn ended(&self) -> Option<String> {
         self.lock().end.clone()
     }

@@ -45,7 +45,6 @@ impl Drop for SocketFile {
 
 /// Returns the command that forwards `port` of the user's own machine to `to` on this one, which the value of
 /// `SSH_CONNECTION` describes; `None` if it does not.
-#[must_use]
 pub fn forwarding(connection: &str, user: Option<&str>, port: u16, to: &str) -> Option<String> {
     // client address, client port, address of this machine, its port
     let [_, _, host, ssh_port] = connection.split_whitespace().collect::<Vec<_>>()[..] else { return None };

@@ -54,14 +54,12 @@ impl Order {
     }
 
     /// Returns the history of which to undo a step.
-    #[must_use]
     pub fn to_undo(&self, segments: Steps, edits: Steps) -> Option<Stack> {
         let last = self.done.last().copied();
         last.or_else(|| first(edits.undo, segments.undo))
     }
 
     /// Returns the history of which to redo a step.
-    #[must_use]
     pub fn to_redo(&self, segments: Steps, edits: Steps) -> Option<Stack> {
         let last = self.undone.last().copied();
         // after a change that was seen, what was undone before stays undone

@@ -39,13 +39,11 @@ impl Other {
     }
 
     /// Returns its short name.
-    #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
     /// Returns what clients of `run` are told about it.
-    #[must_use]
     pub fn describe(&self, run: &OpenRun) -> OtherRun {
         let other = &self.space.shown.run;
         OtherRun {

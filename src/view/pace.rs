@@ -64,7 +64,6 @@ pub struct Pace {
 
 impl Pace {
     /// Makes the pace of a client that has seen nothing.
-    #[must_use]
     pub fn new(now: Instant) -> Self {
         let (on_their_way, line) = (Vec::new(), VecDeque::new());
         Self { on_their_way, heard: None, line, changed: now, moving: false, drawn: Drawn::Nothing, ms_per_pixel: None }
@@ -109,19 +108,16 @@ impl Pace {
     }
 
     /// Whether the client has drawn all frames that were sent.
-    #[must_use]
     pub fn keeps_up(&self) -> bool {
         self.on_their_way.is_empty()
     }
 
     /// Whether the client shows the view at rest, lossless.
-    #[must_use]
     pub fn is_done(&self) -> bool {
         self.keeps_up() && self.drawn == Drawn::Lossless
     }
 
     /// Returns what to draw now, for a picture of `pixels` at full size.
-    #[must_use]
     pub fn next(&self, now: Instant, pixels: usize) -> Next {
         if self.on_their_way.len() >= MAX_AHEAD {
             return Next::Wait;

@@ -14,14 +14,12 @@ use std::thread::JoinHandle;
 pub type Stamps = [Stamp; 3];
 
 /// Returns the stamps of the files of `run`.
-#[must_use]
 pub fn stamps(run: &OpenRun) -> Stamps {
     let paths = run.paths();
     [paths.segments(), paths.edits(), paths.affinity()].map(|path| stamp(&path))
 }
 
 /// Opens the affinity field of `run`. One that cannot be used counts as missing: the viewer then says how to make one.
-#[must_use]
 pub fn field(run: &OpenRun) -> Option<(AffinityField, AffinitySpec)> {
     affinity::open(run).ok()
 }
@@ -57,7 +55,6 @@ impl Read {
     }
 
     /// Returns a run without anything that its files hold.
-    #[must_use]
     pub fn scene_alone(run: OpenRun) -> Self {
         let (seen, segments, edits) = (Stamps::default(), RunSegments::none(&run), EditStack::default());
         Self { run, seen, segments, fault: None, edits, field: None }
@@ -83,7 +80,6 @@ impl Newer {
     }
 
     /// Whether one is being read, or was read and has not been taken.
-    #[must_use]
     pub fn is_under_way(&self) -> bool {
         self.0.is_some()
     }

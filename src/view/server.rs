@@ -61,7 +61,6 @@ impl Shared {
     }
 
     /// Whether a window is open.
-    #[must_use]
     pub fn has_windows(&self) -> bool {
         self.here.load(Ordering::SeqCst) > 0
     }

@@ -30,7 +30,6 @@ impl Share {
     }
 
     /// Returns how long nothing is to be drawn, counted from the beginning of work that took `busy`.
-    #[must_use]
     pub fn rest(&self, busy: Duration) -> Duration {
         busy.div_f64(self.part)
     }

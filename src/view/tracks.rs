@@ -109,7 +109,6 @@ pub struct Tracks {
 
 impl Tracks {
     /// Starts without requests; `hub` wakes the drawing thread.
-    #[must_use]
     pub fn new(hub: Arc<Hub>) -> Self {
         let (out, found) = channel();
         Self { hub, waiting: Vec::new(), refused: Vec::new(), running: None, out, found }

@@ -40,7 +40,6 @@ pub struct Training {
 pub type Stamp = Option<(SystemTime, u64)>;
 
 /// Returns the stamp of a file; `None` if it is missing.
-#[must_use]
 pub fn stamp(path: &Path) -> Stamp {
     let found = std::fs::metadata(path).ok()?;
     Some((found.modified().ok()?, found.len()))
@@ -56,7 +55,6 @@ pub struct Watch {
 
 impl Watch {
     /// Returns what is known of the training.
-    #[must_use]
     pub fn now(&self) -> Option<&Training> {
         self.now.as_ref()
     }

@@ -111,7 +111,7 @@ fn path() {
                 }
             }
             for seconds in [f64::NEG_INFINITY, -1.0, path.seconds() / 3.0, f64::INFINITY] {
-                let _ = path.at(seconds);
+                let _ = path.key_at(seconds);
             }
             true
         };

@@ -241,7 +241,7 @@ fn labels_are_index_for_index_on_volumes_in_every_orientation() {
             let mut run = run.share();
             run.record.dataset.clone_from(&data);
             let labels = Labels::new(&run, &LabelPlan::default()).unwrap();
-            let ids = labels.at(0.0).unwrap().ids;
+            let ids = labels.labels_at(0.0).unwrap().ids;
             let written = root.join(format!("{}-{extension}.{labels_extension}", stored.name));
             let format = if extension == "vti" { write_vti } else { write_nrrd };
             write_labels(&written, &labels, &ids, false, format, None).unwrap();

@@ -4,7 +4,6 @@ use std::borrow::Cow;
 
 /// Returns `text` as a field, quoted if it holds a comma, a quote, a line break or outer whitespace. A text that a
 /// spreadsheet would take for a formula gets an apostrophe in front, by which spreadsheets know text; numbers do not.
-#[must_use]
 pub fn field(text: &str) -> Cow<'_, str> {
     let formula = text.starts_with(['=', '+', '-', '@', '\t', '\r']) && text.parse::<f64>().is_err();
     let text = if formula { Cow::Owned(format!("'{text}")) } else { Cow::Borrowed(text) };

@@ -1,13 +1,11 @@
 //! Durations given in seconds, as text for terminal lines, estimates and pages.
 
 /// Formats a duration for a terminal line: `42 s`, `3.1 min`, `2.5 h`.
-#[must_use]
 pub fn duration(seconds: f64) -> String {
     scaled(seconds, 1)
 }
 
 /// Formats an estimate, without tenths of minutes: `42 s`, `3 min`, `2.5 h`.
-#[must_use]
 pub fn rough_duration(seconds: f64) -> String {
     scaled(seconds, 0)
 }
@@ -22,7 +20,6 @@ fn scaled(seconds: f64, decimals_of_minutes: usize) -> String {
 
 /// Formats a duration for a table: `0.042 s`, `3.1 s`, `4 min 05 s`, `2 h 03 min`; a dash if it is negative or not
 /// finite.
-#[must_use]
 pub fn exact_duration(seconds: f64) -> String {
     let whole = seconds.round();
     match seconds {

@@ -33,7 +33,6 @@ fn status(field: &str) -> Option<u64> {
 }
 
 /// A field of `/proc/meminfo` in bytes, such as `MemTotal:`; `None` if the system does not report it.
-#[must_use]
 pub fn system(field: &str) -> Option<u64> {
     kibibytes("/proc/meminfo", field)
 }
@@ -69,7 +68,6 @@ pub struct TooLarge {
 impl Budget {
     /// The memory free now: what `--memory` allows, or else the minimum left by the system, the container and the
     /// process limit (`ulimit -v`).
-    #[must_use]
     pub fn now() -> Self {
         if let Some(allowed) = ALLOWED.get() {
             return Self(allowed.0.saturating_sub(status("VmRSS:").unwrap_or(0)));
@@ -79,7 +77,6 @@ impl Budget {
     }
 
     /// A budget of `bytes` bytes.
-    #[must_use]
     pub fn from_bytes(bytes: u64) -> Self {
         Self(bytes)
     }
@@ -103,7 +100,6 @@ impl Budget {
 }
 
 /// A saturating product of sizes.
-#[must_use]
 pub fn product(sizes: &[usize]) -> u128 {
     sizes.iter().fold(1, |all: u128, n| all.saturating_mul(*n as u128))
 }

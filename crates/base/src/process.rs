@@ -64,14 +64,12 @@ pub fn report_file_limits() {
 }
 
 /// Name of this machine; `None` if the system does not report it.
-#[must_use]
 pub fn host_name() -> Option<String> {
     fs::read_to_string("/proc/sys/kernel/hostname").ok().map(|name| name.trim().to_owned())
 }
 
 /// Start time of a process on this machine, in the system's ticks; `None` if there is no process with this id, or only
 /// a zombie.
-#[must_use]
 pub fn birth(pid: u32) -> Option<u64> {
     let stat = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     // the name in parentheses may hold spaces; the state follows it, and the start time is the 22nd field
@@ -82,7 +80,6 @@ pub fn birth(pid: u32) -> Option<u64> {
 
 /// The user that this process runs as: `ada, uid 1000`, without a name where `/etc/passwd` has none. Variables of the
 /// environment do not count, as they can say anything. `None` if the system does not tell.
-#[must_use]
 pub fn user() -> Option<String> {
     let uid = uid()?;
     let accounts = fs::read_to_string("/etc/passwd").unwrap_or_default();

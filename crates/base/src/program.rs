@@ -57,20 +57,17 @@ pub fn build() -> Result<&'static Build, BuildError> {
 }
 
 /// The first digits of a build's digest, which serve as its name; the whole digest if it is shorter.
-#[must_use]
 pub fn short(digest: &str) -> &str {
     digest.get(..SHORT).unwrap_or(digest)
 }
 
 /// Names a build within a sentence; it is empty where the program could not read its own file.
-#[must_use]
 pub fn build_label(build: &str) -> String {
     if build.is_empty() { "a build that was not recorded".to_owned() } else { format!("build {}", short(build)) }
 }
 
 /// The file to execute in order to start this same program again. On Linux it is the file now running, even if another
 /// has since replaced it.
-#[must_use]
 pub fn executable() -> PathBuf {
     let own = PathBuf::from("/proc/self/exe");
     if cfg!(target_os = "linux") && own.exists() { own } else { std::env::current_exe().unwrap_or_default() }

@@ -23,7 +23,6 @@ pub struct Rng {
 
 impl Rng {
     /// Starts the stream of `(seed, step, purpose)` at its beginning.
-    #[must_use]
     pub fn new(seed: u64, step: u64, purpose: Purpose) -> Self {
         // two rounds, asymmetric in the arguments, so that (a, b) and (b, a) get different keys
         let mixed = mix(mix(seed).wrapping_add(purpose.number()).wrapping_add(0x9E37_79B9_7F4A_7C15));

@@ -4,7 +4,6 @@
 use std::path::Path;
 
 /// Returns `text` as one word of a POSIX shell: unchanged if no character is special, or else in single quotes.
-#[must_use]
 pub fn quote(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "_./:,=@%+-".contains(c);
     if !text.is_empty() && text.chars().all(plain) {
@@ -15,7 +14,6 @@ pub fn quote(text: &str) -> String {
 }
 
 /// [`quote`] of a path.
-#[must_use]
 pub fn path(path: &Path) -> String {
     quote(&path.display().to_string())
 }

@@ -102,7 +102,6 @@ pub fn read_while<T>(path: &Path, make: impl FnOnce(&[u8]) -> T) -> Result<T, Te
 
 /// The entry `key` of a tensor file's header, of which nothing else is read or checked; `None` if it has no such entry
 /// or cannot be read.
-#[must_use]
 pub fn header_entry(path: &Path, key: &str) -> Option<String> {
     let mut file = open_regular(path).ok()?;
     let mut length = [0; PREFIX];
@@ -118,7 +117,6 @@ pub fn header_entry(path: &Path, key: &str) -> Option<String> {
 }
 
 /// The values of a tensor of type F32 or F16; `None` for any other type.
-#[must_use]
 pub fn floats(tensor: &TensorView<'_>) -> Option<Vec<f32>> {
     let bytes = tensor.data();
     match tensor.dtype() {

@@ -2,7 +2,6 @@
 
 /// Returns `message` with the parsers' wording about types, fields, variants and numbers replaced, also after a prefix
 /// such as `line 3: `; other text is unchanged.
-#[must_use]
 pub fn plain(message: &str) -> String {
     message.trim_end().lines().map(plain_line).collect::<Vec<_>>().join("\n")
 }

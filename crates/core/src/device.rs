@@ -67,7 +67,6 @@ impl DeviceName {
     }
 
     /// Whether it computes on the CPU.
-    #[must_use]
     pub fn is_cpu(self) -> bool {
         matches!(self, Self::Flex | Self::NdArray | Self::Tch)
     }

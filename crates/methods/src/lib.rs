@@ -150,13 +150,11 @@ pub fn find(name: &str) -> Result<&'static dyn Method, String> {
 }
 
 /// The names of all methods: the built-in ones, then the others, sorted.
-#[must_use]
 pub fn names() -> Vec<String> {
     METHODS.names()
 }
 
 /// The built-in presets and those of all methods, as (name, TOML).
-#[must_use]
 pub fn presets() -> Vec<(&'static str, &'static str)> {
     let of_methods = METHODS.all().into_iter().flat_map(|(_, method)| method.presets());
     PRESETS.iter().chain(of_methods).copied().collect()
@@ -171,7 +169,6 @@ pub fn preset(name: &str) -> Result<Config, ConfigError> {
 }
 
 /// Layers of configurations that know the presets and the sections of all methods.
-#[must_use]
 pub fn layers() -> Layers<'static> {
     add_sections();
     Layers::with_presets(presets())

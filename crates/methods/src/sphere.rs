@@ -34,7 +34,6 @@ pub struct Angles {
 impl ViewSphere {
     /// The sphere of a split's cameras: centred on the point nearest to what they look at, with the vertical axis most
     /// nearly perpendicular to the horizontal axes of all of them (the one that stays upright in their images).
-    #[must_use]
     pub fn around(split: &Split) -> Self {
         let poses = || split.frames.iter().map(|f| DMat3::from_mat4(f.camera.camera_to_world));
         let sideways: DVec3 = poses().map(|pose| pose.x_axis * pose.x_axis).sum();
@@ -58,7 +57,6 @@ impl ViewSphere {
     }
 
     /// The position of the camera on the sphere.
-    #[must_use]
     pub fn angles(&self, camera: &Camera) -> Angles {
         let row = |k: usize| DVec3::from_array(camera.rotation[k].map(f64::from));
         let t = camera.translation.map(f64::from);

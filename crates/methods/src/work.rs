@@ -35,7 +35,6 @@ pub struct GaussianWork {
 
 impl GaussianWork {
     /// The cost of the field that `[model]` describes.
-    #[must_use]
     pub fn of_the_field(model: &ModelConfig) -> Self {
         let (field, products) =
             find_encoder(&model.encoder).map_or((1.0, 0.0), |e| (e.relative_time(), e.products(model)));

@@ -40,7 +40,6 @@ pub enum Repulsion {
 ///
 /// # Panics
 /// If the lengths disagree.
-#[must_use]
 pub fn contrast(features: &[f32], masks: &[u32], repulsion: Repulsion) -> Contrast {
     assert_eq!(features.len(), masks.len() * FEATURES, "features: [P, {FEATURES}]");
     let norms: Vec<f32> =

@@ -4,7 +4,6 @@ use super::{FEATURES, Repulsion};
 
 /// Returns the mean loss over all pairs of `features` `[P, 16]`, where pixel `i` belongs to the mask `masks[i]`. A
 /// feature of norm 0 has cosine 0 with every feature.
-#[must_use]
 pub fn contrast(features: &[f64], masks: &[u32], repulsion: Repulsion) -> f64 {
     let row = |i: usize| &features[i * FEATURES..][..FEATURES];
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();

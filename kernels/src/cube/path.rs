@@ -34,13 +34,11 @@ pub struct GpuPaths {
 }
 
 /// Whether the device is a GPU, with or without gradients.
-#[must_use]
 pub fn is_gpu(device: &Device) -> bool {
     matches!(device.clone().inner().as_dispatch(), DispatchDevice::Cube(_))
 }
 
 /// Returns the code paths on a device; `None` if it is not a GPU.
-#[must_use]
 pub fn gpu_paths(device: &Device) -> Option<GpuPaths> {
     let device = device.clone().inner();
     let DispatchDevice::Cube(cube) = device.as_dispatch() else { return None };

@@ -48,14 +48,12 @@ fn layers(params: Params<'_>, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
 }
 
 /// Returns the smallest distance of a hidden unit from the kink of its clamp, over all rows of `x` `[N, F]`.
-#[must_use]
 pub fn kink_distance(shape: &DecoderShape, params: Params<'_>, x: &[f64]) -> f64 {
     let rows = x.chunks_exact(shape.inputs).map(|x| layers(params, x));
     rows.flat_map(|(trunk, heads)| [trunk, heads].concat()).fold(f64::INFINITY, |least, v| least.min(v.abs()))
 }
 
 /// Returns the outputs `[N, C]` of `x` `[N, F]`.
-#[must_use]
 pub fn forward(shape: &DecoderShape, params: Params<'_>, x: &[f64]) -> Vec<f64> {
     let (w, c) = (shape.width, shape.outputs());
     let mut out = Vec::new();
@@ -72,7 +70,6 @@ pub fn forward(shape: &DecoderShape, params: Params<'_>, x: &[f64]) -> Vec<f64> 
 }
 
 /// Returns the gradients of [`forward`] for `grad_out` `[N, C]`.
-#[must_use]
 pub fn backward(shape: &DecoderShape, params: Params<'_>, x: &[f64], grad_out: &[f64]) -> Grads {
     let (f, w, c) = (shape.inputs, shape.width, shape.outputs());
     let all = w * shape.heads();

@@ -55,49 +55,41 @@ impl DecoderShape {
     }
 
     /// Number of heads `H`.
-    #[must_use]
     pub fn heads(&self) -> usize {
         self.head_sizes.len()
     }
 
     /// Number of output columns `C` of all heads.
-    #[must_use]
     pub fn outputs(&self) -> usize {
         self.head_sizes.iter().sum()
     }
 
     /// Length of `w0` `[F, W]`.
-    #[must_use]
     pub fn w0_len(&self) -> usize {
         self.inputs * self.width
     }
 
     /// Length of `b0` `[W]`.
-    #[must_use]
     pub fn b0_len(&self) -> usize {
         self.width
     }
 
     /// Length of `w1` `[W, H * W]`.
-    #[must_use]
     pub fn w1_len(&self) -> usize {
         self.width * self.heads() * self.width
     }
 
     /// Length of `b1` `[H * W]`.
-    #[must_use]
     pub fn b1_len(&self) -> usize {
         self.heads() * self.width
     }
 
     /// Length of `w2` `[W, C]`.
-    #[must_use]
     pub fn w2_len(&self) -> usize {
         self.width * self.outputs()
     }
 
     /// Length of `b2` `[C]`.
-    #[must_use]
     pub fn b2_len(&self) -> usize {
         self.outputs()
     }

@@ -85,7 +85,6 @@ fn value(nodes: &Nodes, data: &[f64], r: usize) -> f64 {
 }
 
 /// Returns the features `[N, levels * R]` of `points` `[N, 3]` at `time` in [0, 1].
-#[must_use]
 pub fn forward(shape: &FieldShape, params: Params<'_>, points: &[f64], time: f64) -> Vec<f64> {
     let knots = taps(time, 1.0, shape.time_knots);
     let mut features = Vec::new();
@@ -113,7 +112,6 @@ pub fn forward(shape: &FieldShape, params: Params<'_>, points: &[f64], time: f64
 }
 
 /// Returns the gradients of [`forward`] for `grad_features` `[N, levels * R]`.
-#[must_use]
 pub fn backward(shape: &FieldShape, params: Params<'_>, points: &[f64], time: f64, grad_features: &[f64]) -> Grads {
     let mut grads = Grads {
         planes: vec![0.0; params.planes.len()],

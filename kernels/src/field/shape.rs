@@ -100,43 +100,36 @@ impl FieldShape {
     }
 
     /// Features per point: `levels * R`.
-    #[must_use]
     pub fn features_len(&self) -> usize {
         self.levels.len() * self.channels
     }
 
     /// Length of the flat plane buffer.
-    #[must_use]
     pub fn planes_len(&self) -> usize {
         self.span_len(&self.plane_spans())
     }
 
     /// Length of the flat line buffer.
-    #[must_use]
     pub fn lines_len(&self) -> usize {
         self.span_len(&self.line_spans())
     }
 
     /// Length of the flat time buffer.
-    #[must_use]
     pub fn times_len(&self) -> usize {
         self.levels.len() * self.time_knots * self.channels
     }
 
     /// Returns the plane tensors in buffer order: for each level xy, xz, yz.
-    #[must_use]
     pub fn plane_spans(&self) -> Vec<TensorSpan> {
         self.spans(|level| PLANE_AXES.map(|(fast, slow)| (level.resolution[slow], level.resolution[fast])))
     }
 
     /// Returns the line tensors in buffer order: for each level x, y, z.
-    #[must_use]
     pub fn line_spans(&self) -> Vec<TensorSpan> {
         self.spans(|level| level.resolution.map(|n| (n, 1)))
     }
 
     /// Returns the time tensors in buffer order, one for each level.
-    #[must_use]
     pub fn time_spans(&self) -> Vec<TensorSpan> {
         self.spans(|_| [(self.time_knots, 1)])
     }

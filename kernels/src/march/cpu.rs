@@ -43,7 +43,6 @@ fn opacity(depth: f32) -> f32 {
 ///
 /// # Panics
 /// If the last of `offsets` `[R + 1]` is beyond the end of `depths` `[S]`.
-#[must_use]
 pub fn weights(offsets: &[u32], depths: &[f32]) -> Vec<f32> {
     let mut out = vec![0.0; depths.len()];
     for ends in offsets.windows(2) {

@@ -17,7 +17,6 @@ impl RaySamples {
     ///
     /// # Panics
     /// If the offsets do not rise from 0 to the length of `coloured`.
-    #[must_use]
     pub fn new(offsets: &[u32], coloured: &[bool]) -> Self {
         let ends = (offsets.first().copied(), offsets.last().copied());
         assert_eq!(ends, (Some(0), Some(coloured.len() as u32)), "offsets: from 0 to the number of samples");
@@ -33,19 +32,16 @@ impl RaySamples {
     }
 
     /// Number of rays.
-    #[must_use]
     pub fn rays(&self) -> usize {
         self.offsets.len() - 1
     }
 
     /// Number of samples.
-    #[must_use]
     pub fn samples(&self) -> usize {
         self.rows.len() - 1
     }
 
     /// Number of samples with a colour.
-    #[must_use]
     pub fn coloured(&self) -> usize {
         self.rows[self.samples()] as usize
     }

@@ -4,7 +4,6 @@ use super::rays::RaySamples;
 
 /// Returns the colour over the background and the alpha of each ray, `[R, 4]`, from optical depths `[S]` and colours
 /// `[C, 3]`.
-#[must_use]
 pub fn composite(rays: &RaySamples, depths: &[f64], colours: &[f64], background: [f64; 3]) -> Vec<f64> {
     let mut out = Vec::with_capacity(4 * rays.rays());
     for ray in 0..rays.rays() {

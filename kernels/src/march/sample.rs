@@ -37,7 +37,6 @@ pub struct Samples {
 impl Box3 {
     /// Returns where the ray enters and leaves, or `None` if it misses the box or starts behind it; the entry is at or
     /// in front of the origin (0 where the ray starts inside).
-    #[must_use]
     pub fn chord(&self, ray: &Ray) -> Option<[f32; 2]> {
         let (mut enter, mut leave) = (0.0f32, f32::INFINITY);
         for k in 0..3 {
@@ -54,7 +53,6 @@ impl Box3 {
 
 /// Samples the rays inside `within` at steps of `step` (above 0), at most `max_samples` per ray, and omits the
 /// samples for which `keep(ray, point)` is false. The result does not depend on the number of threads.
-#[must_use]
 pub fn sample(
     rays: &[Ray],
     within: Box3,

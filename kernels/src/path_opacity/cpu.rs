@@ -161,7 +161,6 @@ fn depth_by_opacity(depth: f32) -> f32 {
 }
 
 /// Returns the logits `[N]` as the eye sees them.
-#[must_use]
 pub fn forward(seen: &Seen<'_>) -> Vec<f32> {
     let mut out = zeros(seen.logits.len());
     out.par_chunks_mut(PIECE).enumerate().for_each(|(piece, out)| {
@@ -188,7 +187,6 @@ fn one_forward(one: &One, seen: &Seen<'_>) -> f32 {
 /// Returns the gradients of a loss whose gradient with respect to the result of [`forward`] is `grad` `[N]`: those with
 /// respect to means `[N, 3]`, rotations `[N, 4]`, log-scales `[N, 3]` and logits `[N]`. They are 0 where `grad` is, and
 /// where the result is not finite.
-#[must_use]
 pub fn backward(seen: &Seen<'_>, grad: &[f32]) -> [Vec<f32>; 4] {
     let n = seen.logits.len();
     let mut out = [3, 4, 3, 1].map(|width| zeros(width * n));

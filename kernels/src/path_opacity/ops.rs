@@ -48,7 +48,6 @@ pub trait PathBackwardOps: Backend {
 ///
 /// # Panics
 /// If the shapes disagree or the exponent is not in `0..=MAX_EXPONENT`.
-#[must_use]
 pub fn path_opacity(
     means: Tensor<2>,
     rotations: Tensor<2>,

@@ -20,7 +20,6 @@ pub struct Seen {
 }
 
 /// Returns the logit of the opacity as the eye sees it.
-#[must_use]
 pub fn logit(seen: &Seen) -> f64 {
     let Seen { mean, rotation, log_scales, logit, eye, exponent } = *seen;
     let d: [f64; 3] = std::array::from_fn(|i| mean[i] - eye[i]);

@@ -4,7 +4,6 @@ use super::Distance;
 
 /// Returns the mean over pixels and colours of the distance, plus `alpha` times that of the fourth channel, of images
 /// `[pixels, 4]`; its gradient with respect to `image`; and the mean squared difference of the colours.
-#[must_use]
 pub fn photometric(image: &[f64], target: &[f64], kind: Distance, alpha: f64) -> (f64, Vec<f64>, f64) {
     let pixels = (image.len() / 4) as f64;
     let (mut value, mut squared) = (0.0, 0.0);

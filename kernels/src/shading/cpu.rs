@@ -93,7 +93,6 @@ fn see(lit: &Lit<'_>, material: &Material, i: usize) -> Seen {
 }
 
 /// Returns the coefficients `[N, K, 3]` whose first give the shaded colours.
-#[must_use]
 pub fn forward(lit: &Lit<'_>) -> Vec<f32> {
     let n = lit.means.len() / 3;
     let width = lit.sh.len() / n.max(1);
@@ -115,7 +114,6 @@ pub fn forward(lit: &Lit<'_>) -> Vec<f32> {
 
 /// Returns the gradients of a loss whose gradient with respect to the result of [`forward`] is `grad` `[N, K, 3]`: those
 /// with respect to means `[N, 3]`, rotations `[N, 4]`, coefficients `[N, K, 3]`, normals `[N, 3]` and the material `[3]`.
-#[must_use]
 pub fn backward(lit: &Lit<'_>, grad: &[f32]) -> [Vec<f32>; 5] {
     let n = lit.means.len() / 3;
     let width = lit.sh.len() / n.max(1);

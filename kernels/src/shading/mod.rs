@@ -43,13 +43,11 @@ pub struct Material {
 
 impl Material {
     /// Returns the trained form `[3]`: the logit of `ambient`, the natural logarithms of `specular` and `exponent`.
-    #[must_use]
     pub fn to_trained(self) -> [f32; MATERIAL] {
         [crate::activation::logit(self.ambient), self.specular.ln(), self.exponent.ln()]
     }
 
     /// Inverts [`Material::to_trained`].
-    #[must_use]
     pub fn from_trained([ambient, specular, exponent]: [f32; MATERIAL]) -> Self {
         Self { ambient: crate::activation::sigmoid(ambient), specular: specular.exp(), exponent: exponent.exp() }
     }
@@ -83,7 +81,6 @@ pub struct Shading {
 ///
 /// # Panics
 /// If the shapes disagree.
-#[must_use]
 pub fn shaded(means: Tensor<2>, rotations: Tensor<2>, sh: Tensor<3>, shading: &Shading, eye: [f32; 3]) -> Tensor<3> {
     let [n, _, _] = sh.dims();
     assert_eq!(means.dims(), [n, 3], "shaded: means are [N, 3] with N = {n}");

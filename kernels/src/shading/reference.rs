@@ -23,7 +23,6 @@ pub struct Lit {
 }
 
 /// Returns the shaded colour, without the remainder in other coefficients.
-#[must_use]
 pub fn colour(lit: &Lit) -> [f64; 3] {
     let normal = unit(rotate(lit.rotation, lit.normal));
     let to_eye = unit(std::array::from_fn(|i| lit.eye[i] - lit.mean[i]));

@@ -21,7 +21,6 @@ const LANES: usize = 8;
 ///
 /// # Panics
 /// If a slice length is not `h * w * 3`.
-#[must_use]
 pub fn ssim(a: &[f32], b: &[f32], h: usize, w: usize) -> f64 {
     check(a, b, h, w);
     if a.is_empty() {

@@ -3,7 +3,6 @@
 use super::{C1, C2, RADIUS, TAPS, window};
 
 /// Returns the mean SSIM of `a` and `b` `[h, w, 3]` and its gradient with respect to `a`.
-#[must_use]
 pub fn ssim_grad(a: &[f64], b: &[f64], h: usize, w: usize) -> (f64, Vec<f64>) {
     let taps = window();
     let mut total = 0.0;

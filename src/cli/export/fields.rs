@@ -39,7 +39,7 @@ pub(super) fn run(
     let bar = progress::bar(times.len(), "times");
     let (mut files, mut channels) = (Vec::new(), Vec::new());
     for (i, &time) in times.iter().enumerate() {
-        let found = fields.at(time)?;
+        let found = fields.fields_at(time)?;
         let volume = FieldVolume {
             grid: fields.grid.file,
             axes: fields.grid.axes,
@@ -49,7 +49,7 @@ pub(super) fn run(
             time_unit: known.time_unit(),
             edited: plan.edited,
         };
-        let (path, name) = output.place(i);
+        let (path, name) = output.paths_of(i);
         write(&path, &volume)?;
         channels = volume.channels();
         files.push(name.display().to_string());

@@ -182,12 +182,12 @@ pub(super) fn run(
     let mut volumes = Vec::with_capacity(times.len());
     let mut whole = Confusion::default();
     for (i, &time) in times.iter().enumerate() {
-        let Labelled { ids, shares } = labels.at(time)?;
-        let (path, name) = output.place(i);
+        let Labelled { ids, shares } = labels.labels_at(time)?;
+        let (path, name) = output.paths_of(i);
         write_labels(&path, &labels, &ids, options.edited, write, space)?;
         let mut agreement = None;
         if let Some(truth) = &truth {
-            let pairs = Confusion::new(&truth.at(time)?, &ids).map_err(CliError::failure)?;
+            let pairs = Confusion::new(&truth.labels_at(time)?, &ids).map_err(CliError::failure)?;
             agreement = Some(truth.agreement(&pairs, &labels.names));
             whole.merge(&pairs);
         }

@@ -41,7 +41,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: &'static Exporter) -
     })?;
     bar.finish_and_clear();
     let Some(written) = written else { return Err(CliError::failure("interrupted; nothing is written")) };
-    let files: Vec<String> = (0..times.len()).map(|i| output.place(i).1.display().to_string()).collect();
+    let files: Vec<String> = (0..times.len()).map(|i| output.paths_of(i).1.display().to_string()).collect();
     let edited = !args.shown.no_edits && !run.edits()?.operations.is_empty();
     let coordinates = Some(plan.units);
     let record =

@@ -146,7 +146,7 @@ impl RenderArgs {
             errln!("note: {name} was saved from another scene, {}", saved.run);
         }
         let view = &saved.view;
-        let look = view.look(run).map_err(|e| match e.is_input() {
+        let look = view.open_look(run).map_err(|e| match e.is_input() {
             true => CliError::input(format!("{name}: {e}")),
             false => e.into(),
         })?;
@@ -237,7 +237,7 @@ impl RenderArgs {
         let views = self.views(&run, saved.as_ref())?;
         let record = self.record(&run, &views)?;
         if run.model().scene().is_none() {
-            if NumberFormat::of(&self.out).is_some() {
+            if NumberFormat::by_extension(&self.out).is_some() {
                 return Err(CliError::input(format!(
                     "--out {}: numbers are of Gaussians, and the method {}, with which {} was trained, has none that stay \
                      the same over time",
@@ -252,7 +252,7 @@ impl RenderArgs {
             return self.print(&record, &views, fps, None);
         }
         let run = run.gaussians()?;
-        if let Some(format) = NumberFormat::of(&self.out) {
+        if let Some(format) = NumberFormat::by_extension(&self.out) {
             if let Some(Saved { name, .. }) = &saved {
                 return Err(CliError::input(format!(
                     "--out: {name} is a picture; give --camera or --view N for numbers"

@@ -102,7 +102,7 @@ impl StatusArgs {
                 build: parts(key).1.to_owned(),
                 psnr: psnr_in(&metrics_in(&plan, task, &plan.runs_folder.join(key))),
             };
-            let other_builds: Vec<OtherRun> = others.of(task).iter().map(other_run).collect();
+            let other_builds: Vec<OtherRun> = others.of_run(task).iter().map(other_run).collect();
             if let (Some(other), true) = (other_builds.first(), state != "done") {
                 let psnr = other.psnr.map(|p| format!(" ({p:.2} dB)")).unwrap_or_default();
                 let comma = if detail.is_empty() { "" } else { "; " };

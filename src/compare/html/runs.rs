@@ -92,7 +92,7 @@ pub(super) fn list(set: &ResultSet) -> Vec<Block> {
     let columns: Vec<_> = columns.into_iter().filter(|(_, on, _)| *on).collect();
     let mut head: Vec<String> = columns.iter().map(|(name, ..)| (*name).to_owned()).collect();
     head.extend(["seed", "state"].map(String::from));
-    let metrics: Vec<Column> = set.metrics.iter().map(|id| Column::of(id)).collect();
+    let metrics: Vec<Column> = set.metrics.iter().map(|id| Column::by_id(id)).collect();
     head.extend(metrics.iter().map(|metric| metric.head.clone()));
     head.push("run".to_owned());
     let row = |o: &Outcome| {

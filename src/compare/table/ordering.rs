@@ -67,7 +67,6 @@ pub enum Verdict {
 ///
 /// If the paper has rows by segment (`variant/segment`), means over its segments are compared with means over the
 /// segments measured here.
-#[must_use]
 pub fn orderings(table: &Table<'_>) -> Vec<Ordering> {
     let Some(paper) = &table.set.paper else {
         return Vec::new();
@@ -93,7 +92,7 @@ fn paper_id(paper: &PaperTable, table: &Table<'_>, at: usize) -> Option<String> 
     }
     // the paper may give the abbreviation alone, such as that of LPIPS without its network
     let short = &table.metrics[at].short;
-    let alike: Vec<String> = metric::known().into_iter().filter(|id| Column::of(id).short == *short).collect();
+    let alike: Vec<String> = metric::known().into_iter().filter(|id| Column::by_id(id).short == *short).collect();
     let column = |id: &String| table.metrics.iter().position(|m| m.id == *id);
     let measured = |at: &usize| table.rows.iter().any(|row| row.cells[*at].n() > 0);
     let there: Vec<usize> = alike.iter().filter_map(column).collect();

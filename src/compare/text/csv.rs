@@ -11,7 +11,6 @@ const FIXED: [&str; 7] = ["variant", "dataset", "device", "seed", "segment", "st
 /// Writes one line per outcome: what identifies it, settings by key, metrics by id. Missing values are empty.
 ///
 /// A setting or metric whose name an earlier column has is headed `setting.NAME` or `metric.NAME`.
-#[must_use]
 pub fn csv(set: &ResultSet) -> String {
     let settings: BTreeSet<&String> = set.outcomes.iter().flat_map(|o| o.settings.keys()).collect();
     let others: BTreeSet<&String> = set.outcomes.iter().flat_map(|o| o.metrics.keys()).collect();

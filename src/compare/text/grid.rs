@@ -31,7 +31,6 @@ impl From<String> for Entry {
 
 impl Grid {
     /// Returns the rows with the best cells enclosed in `**`.
-    #[must_use]
     pub fn starred(&self) -> Vec<Vec<String>> {
         let star = |e: &Entry| if e.bold { format!("**{}**", e.text) } else { e.text.clone() };
         self.rows.iter().map(|row| row.iter().map(star).collect()).collect()
@@ -64,7 +63,6 @@ fn grid<'t>(
 }
 
 /// Mean and deviation of each metric, and the number of runs if it differs between rows or some were not measured.
-#[must_use]
 pub fn results(table: &Table<'_>) -> Grid {
     let mut grid = grid(table, table.rows.iter(), value);
     if !is_complete(table) {
@@ -75,7 +73,6 @@ pub fn results(table: &Table<'_>) -> Grid {
 }
 
 /// Differences to the baseline with their intervals; `None` if there are none.
-#[must_use]
 pub fn differences(table: &Table<'_>) -> Option<Grid> {
     let others = table.rows.iter().filter(|row| row.variant != table.set.baseline);
     table.has_differences().then(|| grid(table, others, |metric, cell, _| difference(metric, cell).into()))

@@ -7,7 +7,6 @@ use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
 /// Returns an object of `set` (which can be read back), `columns`, `rows` with their cells by metric, and `orderings`.
-#[must_use]
 pub fn json(table: &Table<'_>, orderings: &[Ordering]) -> Value {
     json!({
         "set": serde_json::to_value(writable(table.set)).unwrap_or_default(),

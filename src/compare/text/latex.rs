@@ -5,7 +5,6 @@ use crate::compare::metric::{Better, Column};
 use crate::compare::table::{Cell, Row, Table};
 
 /// Writes a `table` with caption and label `tab:NAME`. Names of groups appear only in the first row of their group.
-#[must_use]
 pub fn latex(table: &Table<'_>) -> String {
     let heads = names_head(table);
     let complete = is_complete(table);

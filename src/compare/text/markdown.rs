@@ -5,7 +5,6 @@ use crate::compare::table::{Ordering, Table};
 use std::collections::BTreeSet;
 
 /// Writes the table as Markdown that is also readable as plain text.
-#[must_use]
 pub fn markdown(table: &Table<'_>, orderings: &[Ordering]) -> String {
     let mut parts = Vec::new();
     if !table.set.title.is_empty() {

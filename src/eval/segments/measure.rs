@@ -60,7 +60,7 @@ impl Judge<'_> {
         frame: &TruthFrame,
         truth: &TruthImage,
     ) -> Result<(FrameScore, Vec<f32>), String> {
-        let alone = selected.of(at);
+        let alone = selected.gaussians(at);
         let image = draw(&alone, self.rendering.seen_by(frame.camera.to_kernel()), self.device);
         let render: Vec<f32> = image.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]].map(to_8_bits)).collect();
         let least = self.mask_alpha.unwrap_or(self.truth_alpha);

@@ -145,7 +145,6 @@ impl Default for SegmentOptions {
 
 impl SegmentOptions {
     /// Returns the options of segmentation, those given directly included.
-    #[must_use]
     pub fn config(&self) -> SegmentConfig {
         let mut config = self.segment.clone();
         config.colour.clusters = self.clusters.unwrap_or(config.colour.clusters);
@@ -158,7 +157,6 @@ impl SegmentOptions {
     }
 
     /// Returns the options of SAGA's training.
-    #[must_use]
     pub fn saga(&self) -> SagaOptions {
         SagaOptions { steps: self.saga_steps, seed: self.seed, ..SagaOptions::default() }
     }
@@ -270,7 +268,6 @@ pub enum SegmentOptionError {
 }
 
 /// Returns a parser of the names of all mask sources, which help lists with a line on each.
-#[must_use]
 pub fn mask_source_names() -> PossibleValuesParser {
     let values =
         MASK_SOURCES.all().into_iter().map(|(name, kind)| PossibleValue::new(name).help(kind.help().to_owned()));

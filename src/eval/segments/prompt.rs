@@ -112,14 +112,12 @@ impl Prompt {
     }
 
     /// Returns the first click.
-    #[must_use]
     pub fn first(&self) -> Click {
         self.first.clone()
     }
 
     /// Returns a click on the pixel that lies deepest in the part of the segment that `selected` misses, where the
     /// scene shows anything; `None` if it misses less than a twentieth of what is shown, or there is only one click.
-    #[must_use]
     pub fn next(&self, selected: &[bool]) -> Option<Click> {
         let Places { size: [columns, rows], inside, pixels } = self.places.as_ref()?;
         let mut missed = vec![false; columns * rows];
@@ -139,7 +137,6 @@ impl Prompt {
 
     /// Returns the intersection over union, in the clicked view, of where the selected Gaussians make up most of what
     /// is visible and where the segment is. `selected` holds a value for each Gaussian of the scene.
-    #[must_use]
     pub fn fit(&self, selected: &[bool]) -> f64 {
         let (mut both, mut either) = (0usize, 0usize);
         for (p, &inside) in self.inside.iter().enumerate() {

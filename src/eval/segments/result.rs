@@ -42,7 +42,6 @@ pub struct Row {
 impl Row {
     /// Returns the means of `scores`, which are of one time; `None` if there are none. A view in which the segment is
     /// absent and nothing is shown has no IoU, but its picture counts: showing nothing is then correct.
-    #[must_use]
     pub fn mean(time: f64, scores: &[&FrameScore]) -> Option<Self> {
         let picture = |f: &dyn Fn(&PictureScore) -> Option<f64>| {
             mean(scores.iter().filter_map(|s| s.picture.as_ref().and_then(f)))
@@ -123,7 +122,6 @@ impl Outcome {
     }
 
     /// Returns the IoU of the silhouettes at the time nearest to that of the click, percent.
-    #[must_use]
     pub fn iou(&self) -> Option<f64> {
         self.at.as_ref().and_then(|r| r.iou)
     }
@@ -172,8 +170,7 @@ pub struct Means {
 
 impl Means {
     /// Returns the means over some outcomes.
-    #[must_use]
-    pub fn of(outcomes: &[&Outcome]) -> Self {
+    pub fn mean(outcomes: &[&Outcome]) -> Self {
         let over = |f: &dyn Fn(&Outcome) -> Option<f64>| mean(outcomes.iter().filter_map(|o| f(o)));
         let row = |f: &dyn Fn(&Row) -> Option<f64>| over(&|o| o.at.as_ref().and_then(f));
         Self {
@@ -255,8 +252,8 @@ impl SegmentEvaluation {
             let oracle: Vec<&Outcome> = found.iter().filter_map(|r| r.oracle.as_ref()).collect();
             MethodMeans {
                 method: *method,
-                fixed: Means::of(&found.iter().map(|r| &r.fixed).collect::<Vec<_>>()),
-                oracle: (self.oracle_tries == TRIES).then(|| Means::of(&oracle)),
+                fixed: Means::mean(&found.iter().map(|r| &r.fixed).collect::<Vec<_>>()),
+                oracle: (self.oracle_tries == TRIES).then(|| Means::mean(&oracle)),
             }
         };
         self.means = methods.iter().map(means).collect();

@@ -27,14 +27,12 @@ pub struct Selected {
 
 impl Selected {
     /// Returns whether any Gaussian is changed.
-    #[must_use]
     pub fn moves(&self) -> bool {
         !self.moved.0.is_empty() || !self.moved.1.is_empty()
     }
 
     /// Returns the selected ones of the scene's Gaussians at any time.
-    #[must_use]
-    pub fn of(&self, at: &HostGaussians) -> HostGaussians {
+    pub fn gaussians(&self, at: &HostGaussians) -> HostGaussians {
         let mut alone = at.subset(&self.members);
         alone.means.iter_mut().zip(&self.moved.0).for_each(|(m, d)| *m += d);
         alone.log_scales.iter_mut().zip(&self.moved.1).for_each(|(s, d)| *s += d);
@@ -42,7 +40,6 @@ impl Selected {
     }
 
     /// Returns all of the scene's Gaussians, the selected ones as they are in the selection.
-    #[must_use]
     pub fn within(&self, at: &HostGaussians) -> HostGaussians {
         let mut all = at.clone();
         for (to, by) in [(&mut all.means, &self.moved.0), (&mut all.log_scales, &self.moved.1)] {
@@ -54,7 +51,6 @@ impl Selected {
     }
 
     /// Returns the Gaussians of both; those in both are as in this one, and so are the scale and cosine.
-    #[must_use]
     pub fn with(&self, other: &Self) -> Self {
         let mut rows: Vec<(u32, bool, usize)> = self.members.iter().enumerate().map(|(r, &m)| (m, false, r)).collect();
         rows.extend(other.members.iter().enumerate().map(|(r, &m)| (m, true, r)));

@@ -124,7 +124,7 @@ fn moved_gaussians_keep_the_position_of_the_selection() {
     let moved = (vec![0.5, 0.0, 0.0, 0.0, 0.25, 0.0], vec![0.0, 0.0, -1.0, 0.0, 0.0, 0.0]);
     let selected = Selected { members: vec![2, 7], moved, asked: None };
     let all = selected.within(&at);
-    assert_eq!(all.subset(&selected.members), selected.of(&at));
+    assert_eq!(all.subset(&selected.members), selected.gaussians(&at));
     assert_eq!((all.means[3 * 2], all.means[3 * 7 + 1]), (at.means[6] + 0.5, at.means[22] + 0.25));
     assert_eq!(all.subset(&[0, 5]), at.subset(&[0, 5]));
     let plain = Selected { members: vec![1, 7], ..Selected::default() };

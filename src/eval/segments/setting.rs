@@ -32,13 +32,11 @@ pub struct Colouring {
 
 impl Colouring {
     /// Returns that of a configuration.
-    #[must_use]
-    pub fn of(config: &SegmentConfig) -> Self {
+    pub fn fixed(config: &SegmentConfig) -> Self {
         Self { clusters: config.colour.clusters, space: config.colour.space }
     }
 
     /// Returns a configuration with this one.
-    #[must_use]
     pub fn within(self, config: &SegmentConfig) -> SegmentConfig {
         let mut config = config.clone();
         (config.colour.clusters, config.colour.space) = (self.clusters, self.space);
@@ -62,10 +60,9 @@ pub enum Setting {
 impl Setting {
     /// Returns the setting of a method that nobody has tuned: the default of `segment coarse` and `segment pick`; for
     /// SAGA, what corresponds to it; for SAGD, the published one.
-    #[must_use]
     pub fn fixed(method: Method, config: &SegmentConfig) -> Self {
         match method {
-            Method::Coarse => Self::Coarse(Colouring::of(config)),
+            Method::Coarse => Self::Coarse(Colouring::fixed(config)),
             Method::Fine | Method::CoarseFine => Self::Field(PickOptions::default()),
             Method::Saga => Self::Saga(SagaPick::default()),
             Method::Sagd => Self::Sagd(SagdOptions::default()),
@@ -75,9 +72,8 @@ impl Setting {
     /// Returns what the oracle may choose from, including the fixed setting. Fields: the fixed setting, and eleven
     /// combinations of three scales with four cosines; SAGA: all twelve combinations; SAGD: three choices of a mask
     /// with four fractions of the votes; `coarse`: six numbers of colours in two spaces. No two are equal.
-    #[must_use]
     pub fn tries(method: Method, config: &SegmentConfig) -> [Self; TRIES] {
-        let coarse = Colouring::of(config);
+        let coarse = Colouring::fixed(config);
         std::array::from_fn(|i| match method {
             Method::Coarse => {
                 let clusters = match i / 2 {

@@ -19,7 +19,6 @@ const ALL_LABELLED: f64 = 0.995;
 /// Formats the table at the chosen time as Markdown, as the terminal shows it: first what is selected with the fixed
 /// setting of each method, in space and in pictures; then what the oracle selects; below it, what the numbers are based
 /// on.
-#[must_use]
 pub fn markdown(evaluation: &SegmentEvaluation) -> String {
     let asked = evaluation.oracle_tries > 0;
     let oracle = if asked { " oracle: 3D IoU % | min | 2D IoU % | min |" } else { "" };
@@ -30,7 +29,7 @@ pub fn markdown(evaluation: &SegmentEvaluation) -> String {
     );
     // writing to a String cannot fail
     for r in &evaluation.results {
-        let of = |o: &Outcome| Means::of(&[o]);
+        let of = |o: &Outcome| Means::mean(&[o]);
         let training = evaluation.training_seconds.get(r.method.name()).copied().filter(|t| *t > 0.0);
         let cells = cells(&of(&r.fixed), r.oracle.as_ref().map(of).as_ref().filter(|_| asked));
         let (training, click) = (cell(training, 1), cell(Some(r.fixed.click_seconds), 2));

@@ -93,7 +93,7 @@ impl Trainers<'_> {
         let started = Instant::now();
         // the tries differ in the number of colours and the space only: what materials need serves all
         let (config, seed) = (self.config, self.options.seed);
-        let own = Colouring::of(config);
+        let own = Colouring::fixed(config);
         let materials = Colouring { space: ColourSpace::Material, ..own }.within(config);
         let other_times = other_times(self.scene, self.at, &materials);
         let coloured = |colouring: Colouring| {

@@ -42,7 +42,6 @@ pub struct Labelled {
 }
 
 /// Returns the views in which segment `id` is rendered alone.
-#[must_use]
 pub fn frames(truth: &Truth, id: u16) -> Vec<TruthFrame> {
     let [width, height] = truth.file.size;
     let frames = truth.file.segments.iter().filter(|s| s.id == id).flat_map(|s| &s.frames);

@@ -34,14 +34,12 @@ pub struct SplatPlan {
 
 impl SplatPlan {
     /// Plans files as they are written by default.
-    #[must_use]
     pub fn new(run: &OpenRun, format: &'static Exporter) -> Self {
         let refit = RefitPlan::new(run, None);
         Self { format, units: Units::Scene, sh_degree: MAX_SH_DEGREE, refit }
     }
 
     /// Number of steps in which each file is refitted; 0 as trained.
-    #[must_use]
     pub fn refit_steps(&self) -> usize {
         self.refit.as_ref().map_or(0, |refit| refit.steps)
     }
@@ -104,7 +102,7 @@ pub fn write_splats(
         if let (Units::Physical, Some(space)) = (plan.units, &calibration.space) {
             units::to_physical(&mut at, space, log_scales, plan.format.extension)?;
         }
-        let (path, comments) = (output.place(i).0, units::comments(calibration, plan.units, *time));
+        let (path, comments) = (output.paths_of(i).0, units::comments(calibration, plan.units, *time));
         let options = SplatFileOptions { sh_degree: plan.sh_degree, comments };
         write(&at, &path, &options).map_err(|e| match e {
             SplatFileError::Replace(e) => e.into(),

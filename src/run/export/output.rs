@@ -47,7 +47,6 @@ pub struct Record<'a> {
 
 impl<'a> Record<'a> {
     /// Creates the record of files that this version writes from `run`.
-    #[must_use]
     pub fn new(run: &'a OpenRun, format: &'static str, times: &'a [f64], edited: bool, segments: &'a [String]) -> Self {
         let calibration = run.calibration();
         let physical = calibration.time.as_ref().map(|known| times.iter().map(|time| known.time(*time)).collect());
@@ -123,14 +122,12 @@ impl Output {
     }
 
     /// Returns the path of the file or folder itself.
-    #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// Returns the path that the file of time `i` is written to, and its final path.
-    #[must_use]
-    pub fn place(&self, i: usize) -> (PathBuf, PathBuf) {
+    pub fn paths_of(&self, i: usize) -> (PathBuf, PathBuf) {
         match &self.folder {
             None => (self.path.clone(), self.path.clone()),
             Some(folder) => {

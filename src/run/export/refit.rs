@@ -70,7 +70,6 @@ pub struct RefitPlan {
 impl RefitPlan {
     /// Plans `steps` steps for files of `run`; `None` for 0 steps. Without a number, there are none if other programs draw
     /// them as this one does, and otherwise 300.
-    #[must_use]
     pub fn new(run: &OpenRun, steps: Option<usize>) -> Option<Self> {
         if steps == Some(0) || steps.is_none() && drawn_alike(&run.scene) {
             return None;

@@ -46,7 +46,6 @@ impl LabelGrid {
     }
 
     /// Gaussians of the scene as they are along the axes of the voxels: where these are mirrored, so are the Gaussians.
-    #[must_use]
     pub fn along(&self, mut gaussians: HostGaussians) -> HostGaussians {
         let Some(turn) = self.turn else { return gaussians };
         let to_grid = turn.transpose();
@@ -66,14 +65,12 @@ impl LabelGrid {
     }
 
     /// The place in the scene of a place along the axes of the voxels.
-    #[must_use]
     pub fn in_scene(&self, place: DVec3) -> DVec3 {
         self.turn.map_or(place, |turn| turn * place)
     }
 
     /// The voxels and the meaning of the axes as a file states them: those of the data, or those asked for with
     /// coordinates to match. Axes whose meaning the data do not say are taken to be what is asked for.
-    #[must_use]
     pub fn stated(&self, asked: Option<Option<AxisConvention>>) -> (Grid, Option<AxisConvention>) {
         match (asked, self.axes) {
             (None, axes) => (self.file, axes),

@@ -84,7 +84,7 @@ impl<'r> Labels<'r> {
     ///
     /// # Errors
     /// If an edit cannot be applied, or there are more labels than a volume can hold.
-    pub fn at(&self, time: f64) -> Result<Labelled, RunError> {
+    pub fn labels_at(&self, time: f64) -> Result<Labelled, RunError> {
         let at = self.selection.edited(&self.run.scene, time as f32)?.widened(self.run.widening());
         let (opacity, spec) = (at.opacity(), &self.run.scene.spec);
         let grid = scene_grid(spec.centre, spec.half_size);

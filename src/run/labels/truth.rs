@@ -132,7 +132,6 @@ impl Truth {
     }
 
     /// Returns notes for the user about the files, one sentence each.
-    #[must_use]
     pub fn notes(&self) -> &[String] {
         match self {
             Self::Files { series, .. } => series.notes(),
@@ -144,7 +143,7 @@ impl Truth {
     ///
     /// # Errors
     /// If a file cannot be read.
-    pub fn at(&self, time: f64) -> Result<Vec<u16>, RunError> {
+    pub fn labels_at(&self, time: f64) -> Result<Vec<u16>, RunError> {
         match self {
             Self::Files { series, times, .. } => {
                 let off = |step: &usize| (times[*step] - time).abs();
@@ -243,7 +242,7 @@ mod tests {
             std::fs::write(root.join("prepare.json"), record.to_string()).unwrap();
             let two = [0, 7, 0, 0, 0, 0, 0, 0];
             std::fs::write(&inputs[1], [&npy()[..npy().len() - 8], &two].concat()).unwrap();
-            open(&inputs).unwrap().at(0.1).unwrap()
+            open(&inputs).unwrap().labels_at(0.1).unwrap()
         };
         let json = std::fs::read_to_string(root.join("prepare.json")).unwrap();
         assert_eq!(second(&json)[1], 7, "the second step is at a tenth of the time");

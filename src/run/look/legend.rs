@@ -28,7 +28,6 @@ pub struct Legend {
 impl Look {
     /// Returns what the colours of the frames drawn so far stand for, unless they are the Gaussians' own: lengths and
     /// speeds in the units of the data.
-    #[must_use]
     pub fn legend(&self) -> Option<Legend> {
         let plain =
             |legend: String| Some(Legend { legend, range: None, unit: None, scene_range: None, scale: Vec::new() });

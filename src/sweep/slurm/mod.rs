@@ -141,13 +141,11 @@ impl Default for Tools {
 
 impl Tools {
     /// Looks in the folders of `path`, which has the form of the variable `PATH`.
-    #[must_use]
     pub fn new(path: &OsStr) -> Self {
         Self { path: path.to_owned() }
     }
 
     /// Whether `program` is found.
-    #[must_use]
     pub fn have(&self, program: &str) -> bool {
         self.find(program).is_some()
     }

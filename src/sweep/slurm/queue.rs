@@ -27,7 +27,6 @@ pub struct TaskState {
 
 impl TaskState {
     /// Whether it holds a node.
-    #[must_use]
     pub fn runs(&self) -> bool {
         matches!(
             self.state.as_str(),

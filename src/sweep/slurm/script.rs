@@ -59,13 +59,11 @@ impl Job {
     }
 
     /// Returns the folder of the script, the logs and the list of submitted jobs.
-    #[must_use]
     pub fn folder(&self) -> PathBuf {
         folder(&self.dir)
     }
 
     /// Returns the path of the script.
-    #[must_use]
     pub fn file(&self) -> PathBuf {
         self.folder().join(format!("{}.sbatch", self.name))
     }
@@ -77,7 +75,6 @@ pub(super) fn folder(dir: &Path) -> PathBuf {
 }
 
 /// Returns the batch script of one job array.
-#[must_use]
 pub fn script(job: &Job) -> String {
     let profile = &job.profile;
     let mut out = String::new();

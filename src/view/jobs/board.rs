@@ -63,7 +63,6 @@ pub struct Board {
 
 impl Board {
     /// Makes the board of a job that begins now.
-    #[must_use]
     pub fn new(number: u64, title: String) -> Self {
         Self {
             state: Mutex::new(JobState { number, title, ..JobState::default() }),
@@ -74,7 +73,6 @@ impl Board {
     }
 
     /// Returns the current state.
-    #[must_use]
     pub fn state(&self) -> JobState {
         let mut state = self.lock().clone();
         let now = self.began.elapsed().as_secs_f64();
@@ -86,7 +84,6 @@ impl Board {
     }
 
     /// Returns a number that grows with every change.
-    #[must_use]
     pub fn version(&self) -> u64 {
         self.version.load(Ordering::Acquire)
     }
@@ -127,19 +124,17 @@ pub struct Reporter {
 
 impl Reporter {
     /// Makes a reporter that writes to `board` and wakes the drawing thread.
-    #[must_use]
     pub fn new(board: Arc<Board>, hub: Arc<Hub>) -> Self {
         Self { board, hub, since: Instant::now(), woke: Instant::now(), every: 1 }
     }
 
     /// Whether the job has not been asked to stop.
-    #[must_use]
     pub fn goes_on(&self) -> bool {
         !self.board.stop.load(Ordering::Acquire)
     }
 
     /// Reports that `done` of `all` of a `unit` are done, with this loss; returns whether to go on.
-    pub fn at(&mut self, unit: &'static str, done: usize, all: usize, loss: Option<f64>) -> bool {
+    pub fn report(&mut self, unit: &'static str, done: usize, all: usize, loss: Option<f64>) -> bool {
         self.board.change(|state| {
             if state.unit != unit {
                 self.since = Instant::now();
@@ -171,9 +166,9 @@ mod tests {
     fn a_long_training_keeps_few_losses_and_estimates_the_time_left() {
         let board = Arc::new(Board::new(1, "training".into()));
         let mut reporter = Reporter::new(board.clone(), Arc::new(Hub::default()));
-        assert!(reporter.at("views", 3, 3, None));
+        assert!(reporter.report("views", 3, 3, None));
         for step in 1..=10_000 {
-            assert!(reporter.at("steps", step, 20_000, Some(1.0 / step as f64)));
+            assert!(reporter.report("steps", step, 20_000, Some(1.0 / step as f64)));
         }
         let state = board.state();
         assert_eq!((state.unit, state.done, state.all, state.end), ("steps", 10_000, 20_000, None));
@@ -183,7 +178,7 @@ mod tests {
         assert!(left > 0.0 && left <= state.seconds * 1.1, "half of it is done: {left} of {}", state.seconds);
         let version = board.version();
         board.stop();
-        assert!(!reporter.at("steps", 10_001, 20_000, None) && board.state().stopping);
+        assert!(!reporter.report("steps", 10_001, 20_000, None) && board.state().stopping);
         board.end(JobEnd::Stopped);
         assert!(board.version() > version && board.state().end == Some(JobEnd::Stopped));
         let seconds = board.state().seconds;

@@ -44,7 +44,7 @@ impl Export<'_> {
         let all = (refit_steps + 1) * self.times.len();
         let one_more = || {
             done += 1;
-            report.at(unit, done, all, None)
+            report.report(unit, done, all, None)
         };
         let Some(written) = write_splats(run, &shown, self.times, &output, &plan, one_more)? else {
             return Ok(None);
@@ -60,9 +60,9 @@ impl Export<'_> {
         let labels = Labels::new(run, &LabelPlan { segments: self.segments.to_vec(), edited, ..LabelPlan::default() })?;
         let output = self.place(&run.paths().labels(), "labels")?;
         for (i, &time) in self.times.iter().enumerate() {
-            write_labels(&output.place(i).0, &labels, &labels.at(time)?.ids, edited, write, None)?;
+            write_labels(&output.paths_of(i).0, &labels, &labels.labels_at(time)?.ids, edited, write, None)?;
             // after the last time there is nothing left to cancel
-            if !report.at("times", i + 1, self.times.len(), None) && i + 1 < self.times.len() {
+            if !report.report("times", i + 1, self.times.len(), None) && i + 1 < self.times.len() {
                 return Ok(None);
             }
         }

@@ -31,7 +31,6 @@ pub struct Jobs {
 
 impl Jobs {
     /// Starts without a job; `hub` wakes the drawing thread.
-    #[must_use]
     pub fn new(hub: Arc<Hub>) -> Self {
         Self { hub, board: None, thread: None, number: 0, sent: (0, Instant::now()) }
     }
@@ -79,7 +78,6 @@ impl Jobs {
     }
 
     /// Returns the state of the current job, or how the last one ended.
-    #[must_use]
     pub fn state(&self) -> Option<JobState> {
         self.board.as_ref().map(|board| board.state())
     }

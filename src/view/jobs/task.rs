@@ -86,7 +86,6 @@ pub enum Task {
 }
 
 /// Returns the names of the sources of masks that need no other program or download.
-#[must_use]
 pub fn mask_sources() -> Vec<String> {
     MASK_SOURCES.all().into_iter().filter(|(_, kind)| kind.reads().is_empty()).map(|(name, _)| name).collect()
 }
@@ -213,7 +212,7 @@ fn masks(
     let mut done = 0;
     let made = make(run, &plan, || {
         done += 1;
-        report.at("pictures", done, all, None)
+        report.report("pictures", done, all, None)
     })?;
     let note = plan.note.as_ref().map(|note| format!("; {note}")).unwrap_or_default();
     Ok(made.map(|made| {
@@ -225,9 +224,9 @@ fn masks(
 fn fine(run: &OpenRun, steps: usize, report: &mut Reporter) -> Result<Option<String>, RunError> {
     let options = AffinityConfig { steps, ..run.config.segment.affinity.clone() };
     let trained = affinity::fit(run, &options, 0, |stage| match stage {
-        affinity::Stage::Read { done, all } => report.at("views", done, all, None),
-        affinity::Stage::Begins { .. } => report.at("steps", 0, steps, None),
-        affinity::Stage::Step { done, loss } => report.at("steps", done, steps, Some(loss)),
+        affinity::Stage::Read { done, all } => report.report("views", done, all, None),
+        affinity::Stage::Begins { .. } => report.report("steps", 0, steps, None),
+        affinity::Stage::Step { done, loss } => report.report("steps", done, steps, Some(loss)),
     })?;
     Ok(trained.map(|t| format!("the affinity field is trained, loss {:.4}: click to select", t.loss)))
 }
@@ -273,7 +272,7 @@ fn track(
             FollowStage::Drawn => (1, "times drawn"),
         };
         done[k] += 1;
-        report.at(unit, done[k], frames, None)
+        report.report(unit, done[k], frames, None)
     })?;
     let folder = run.paths().tracks();
     Ok(found.map(|found| {

@@ -52,7 +52,6 @@ impl FrameInfo {
     /// Returns the frame as it is sent: version, codec, kind, a zero byte, then in little-endian order number (u32),
     /// revision (u64), width and height (u16 each), time, drawing and encoding milliseconds (f32 each), and the
     /// picture.
-    #[must_use]
     pub fn with(&self, picture: &[u8]) -> Vec<u8> {
         let mut out = Vec::with_capacity(HEADER + picture.len());
         out.extend([VERSION, self.codec as u8, self.kind as u8, 0]);

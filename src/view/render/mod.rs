@@ -63,7 +63,6 @@ pub struct Renderer {
 impl Renderer {
     /// Makes the thread's state, which draws `space` for the clients of `hub`, and beside it one of the `others` if
     /// they compare. Deformed Gaussians are cached, up to `cache` bytes for all together.
-    #[must_use]
     pub fn new(space: Workspace, others: Vec<Other>, cache: usize, hub: Arc<Hub>) -> Self {
         let now = Instant::now();
         Self {

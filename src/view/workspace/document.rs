@@ -25,7 +25,6 @@ impl Workspace {
     }
 
     /// Returns what clients are told.
-    #[must_use]
     pub fn document(&self) -> Document {
         let row = |(depth, s): (usize, &Segment)| {
             let Total { rgb, opacity, hidden } = self.shown.edits.total(&s.name);

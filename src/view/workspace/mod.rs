@@ -69,26 +69,22 @@ impl Workspace {
 
     /// Makes the workspace of a run that this process trains. It shows the scenes that the trainer leaves; there are no
     /// segments and edits, whatever files say, as those would belong to another state of the scene.
-    #[must_use]
     pub fn in_training(run: OpenRun, live: Arc<Live>, read_only: bool) -> Self {
         live.shows(run.step().unwrap_or_default(), run.scene.gaussians.count());
         Self { live: Some(live), ..Self::showing(Read::scene_alone(run), read_only) }
     }
 
     /// Returns a number that grows with every change of the scene, segments or edits.
-    #[must_use]
     pub fn revision(&self) -> u64 {
         self.revision
     }
 
     /// Whether segments and edits of the run can be shown.
-    #[must_use]
     pub fn has_document(&self) -> bool {
         self.shown.fault.is_none() && self.live.is_none()
     }
 
     /// Whether segments and edits cannot be changed.
-    #[must_use]
     pub fn read_only(&self) -> bool {
         self.refuse().is_err()
     }
@@ -106,7 +102,6 @@ impl Workspace {
     }
 
     /// Returns the training of the run, if it goes on in this process.
-    #[must_use]
     pub fn live(&self) -> Option<&Arc<Live>> {
         self.live.as_ref()
     }

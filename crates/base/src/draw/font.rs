@@ -66,7 +66,6 @@ fn glyph(c: char) -> [u8; 7] {
 }
 
 /// Width of `text` in pixels, each font pixel `scale` pixels wide.
-#[must_use]
 pub fn text_width(text: &str, scale: u32) -> u32 {
     (text.chars().count() as u32 * ADVANCE * scale).saturating_sub(scale)
 }

@@ -10,7 +10,6 @@ pub mod views;
 
 /// The smallest round number, 1, 2 or 5 times a power of ten, that is not below `raw` but for rounding; `raw` itself if
 /// there is none, as beside the largest and smallest numbers.
-#[must_use]
 pub fn round_step(raw: f64) -> f64 {
     let power = 10f64.powf(raw.log10().floor());
     [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * power).find(|step| *step >= raw * 0.999).unwrap_or(raw)

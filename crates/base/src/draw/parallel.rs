@@ -66,7 +66,6 @@ impl Placed {
 
 /// Lines through vertical axes. The last axis determines the colours, dark for low and bright for high; lines without a
 /// value there are grey and drawn below the others.
-#[must_use]
 pub fn parallel_plot(title: &str, axes: &[ParallelAxis], lines: &[ParallelLine]) -> String {
     let gaps = axes.len().saturating_sub(1).max(1) as f64;
     let width = (SIDES[0] + gaps * MIN_DISTANCE + SIDES[1]).max(WIDTH);

@@ -20,13 +20,11 @@ pub struct Series {
 }
 
 /// A line plot with linear axes. The legend names at most 12 curves.
-#[must_use]
 pub fn line_plot(title: &str, x_label: &str, y_label: &str, series: &[Series]) -> String {
     plot(title, x_label, y_label, series, false)
 }
 
 /// A line plot with a logarithmic y axis; values that are not above zero break the curve.
-#[must_use]
 pub fn line_plot_log_y(title: &str, x_label: &str, y_label: &str, series: &[Series]) -> String {
     plot(title, x_label, y_label, series, true)
 }

@@ -29,7 +29,6 @@ pub struct Point {
 }
 
 /// A scatter plot with linear axes and a name beside each point; names keep clear of each other where there is room.
-#[must_use]
 pub fn scatter_plot(title: &str, x_label: &str, y_label: &str, points: &[Point]) -> String {
     let points: Vec<&Point> = points.iter().filter(|p| p.x.is_finite() && p.y.is_finite()).collect();
     let xs = points.iter().flat_map(|p| ends(p.x, p.x_error).into_iter().flatten().chain([p.x]));

@@ -10,7 +10,6 @@ const PAPER: [u8; 3] = [24, 24, 28];
 const INK: [u8; 3] = [230, 230, 230];
 
 /// Lays out pictures of one size in rows of `columns`, each no wider than `cell` pixels, its label above.
-#[must_use]
 pub fn view_sheet(pictures: &[(String, RgbImage)], columns: usize, cell: u32) -> RgbImage {
     let columns = columns.clamp(1, pictures.len().max(1));
     let (w, h) = pictures.first().map_or((1, 1), |(_, p)| p.dimensions());
@@ -49,7 +48,6 @@ pub struct Pair {
 
 /// Lays out pairs in rows of `columns`, each no wider than `cell` pixels. As labels need room, small pictures are
 /// enlarged by an integer factor to at least half of that.
-#[must_use]
 pub fn pair_sheet(pairs: &[Pair], columns: usize, cell: u32) -> RgbImage {
     let (columns, cell) = (columns.clamp(1, pairs.len().max(1)), cell.max(1));
     let (w, h) = pairs.first().map_or((1, 1), |p| (p.picture.width().max(1), p.picture.height().max(1)));

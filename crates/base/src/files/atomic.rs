@@ -129,7 +129,6 @@ impl AtomicFile {
     }
 
     /// Path of the content until the commit, for another program to write it; nothing may then be written here.
-    #[must_use]
     pub fn temporary(&self) -> &Path {
         &self.temporary
     }
@@ -202,7 +201,6 @@ impl AtomicDir {
     }
 
     /// The folder to build in.
-    #[must_use]
     pub fn dir(&self) -> &Path {
         &self.temporary
     }

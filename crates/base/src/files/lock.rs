@@ -166,7 +166,6 @@ impl RunLock {
 
     /// Whether a process is writing to the run in folder `run` now. Nothing is left there, not even a lock file. `None`
     /// if the system cannot determine it, as on file systems without locks.
-    #[must_use]
     pub fn is_held(run: &Path) -> Option<bool> {
         let file = match File::open(run.join(FILE)) {
             Ok(file) => file,
@@ -183,7 +182,6 @@ impl RunLock {
     }
 
     /// The folder of the run.
-    #[must_use]
     pub fn run(&self) -> &Path {
         &self.run
     }

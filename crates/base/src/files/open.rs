@@ -33,7 +33,6 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
 
 /// Whether a path that a file names leads out of the folder that it is relative to: an absolute one, or one whose `..`
 /// outnumber the folders before them. Links are not resolved, as the user has made them.
-#[must_use]
 pub fn leads_out(path: &Path) -> bool {
     let mut depth = 0i64;
     path.components().any(|part| {
@@ -129,7 +128,6 @@ pub fn decode_text(mut bytes: Vec<u8>) -> Result<String, NotText> {
 }
 
 /// Whether the user can fix the error by giving another path or file; otherwise the system failed or refused.
-#[must_use]
 pub fn is_user_error(error: &io::Error) -> bool {
     use ErrorKind::{InvalidData, InvalidInput, IsADirectory, NotADirectory, NotFound, UnexpectedEof};
     matches!(error.kind(), NotFound | InvalidInput | InvalidData | IsADirectory | NotADirectory | UnexpectedEof)

@@ -13,91 +13,76 @@ impl RunPaths<'_> {
     pub const SCENE: &'static str = "scene.safetensors";
 
     /// The record, by which a folder is recognised as a run.
-    #[must_use]
     pub fn record(self) -> PathBuf {
         self.0.join("run.json")
     }
 
     /// The resolved configuration.
-    #[must_use]
     pub fn config(self) -> PathBuf {
         self.0.join("config.toml")
     }
 
     /// The metrics that training logs, one line each.
-    #[must_use]
     pub fn metrics(self) -> PathBuf {
         self.0.join("metrics.jsonl")
     }
 
     /// The folder of TensorBoard's event files.
-    #[must_use]
     pub fn tensorboard(self) -> PathBuf {
         self.0.join("tensorboard")
     }
 
     /// The folder of checkpoints.
-    #[must_use]
     pub fn checkpoints(self) -> PathBuf {
         self.0.join(Self::CHECKPOINTS)
     }
 
     /// The folder of measurements, each in a folder of its own.
-    #[must_use]
     pub fn eval(self) -> PathBuf {
         self.0.join("eval")
     }
 
     /// The segments, with their history.
-    #[must_use]
     pub fn segments(self) -> PathBuf {
         self.0.join("segments/segments.safetensors")
     }
 
     /// The masks that the affinity field is trained on.
-    #[must_use]
     pub fn masks(self) -> PathBuf {
         self.0.join("segments/masks.jsonl")
     }
 
     /// The folder of pictures from which another program makes masks.
-    #[must_use]
     pub fn mask_pictures(self) -> PathBuf {
         self.0.join("segments/pictures")
     }
 
     /// The affinity field.
-    #[must_use]
     pub fn affinity(self) -> PathBuf {
         self.0.join("segments/affinity.safetensors")
     }
 
     /// A picture of segments, for users.
-    #[must_use]
     pub fn segment_sheet(self, name: &str) -> PathBuf {
         self.0.join(format!("segments/{name}.png"))
     }
 
     /// The edits.
-    #[must_use]
     pub fn edits(self) -> PathBuf {
         self.0.join("edits.json")
     }
 
     /// The folder of tracks, each in a folder of its own.
-    #[must_use]
     pub fn tracks(self) -> PathBuf {
         self.0.join("track")
     }
 
     /// The default folder of exported Gaussians.
-    #[must_use]
     pub fn exported(self) -> PathBuf {
         self.0.join("export")
     }
 
     /// The default folder of label volumes.
-    #[must_use]
     pub fn labels(self) -> PathBuf {
         self.0.join("labels")
     }

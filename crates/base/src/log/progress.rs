@@ -10,19 +10,16 @@ const FIRST_LINE: f64 = 5.0;
 const LONGEST_WAIT: f64 = 60.0;
 
 /// A bar over `length` pieces of work called `unit`, with the time left and room for a message.
-#[must_use]
 pub fn bar(length: usize, unit: &str) -> ProgressBar {
     styled(length, &format!("{{bar:28}} {{pos}}/{{len}} {unit} {{elapsed}}<{{eta}} {{msg}}"))
 }
 
 /// A bar over `length` images, with their rate.
-#[must_use]
 pub fn image_bar(length: usize) -> ProgressBar {
     styled(length, "{bar:28} {pos}/{len} images {elapsed}<{eta} {per_sec}")
 }
 
 /// A bar over `length` steps of training that continues after `first` of them, with room for a message.
-#[must_use]
 pub fn step_bar(length: usize, first: usize) -> ProgressBar {
     let bar = styled(length, "{bar:28} {pos}/{len} {elapsed}<{eta} {msg}").with_position(first as u64);
     bar.reset_eta();
@@ -30,7 +27,6 @@ pub fn step_bar(length: usize, first: usize) -> ProgressBar {
 }
 
 /// One line among several: a short bar over `length` steps, and a message.
-#[must_use]
 pub fn line(length: usize) -> ProgressBar {
     styled(length, "  {bar:20} {pos}/{len} {msg}")
 }
@@ -55,7 +51,6 @@ pub struct Lines {
 
 impl Lines {
     /// Lines about `total` pieces of work, of which `first` were done before.
-    #[must_use]
     pub fn new(first: usize, total: usize) -> Self {
         Self { first, total, next: Mutex::new(FIRST_LINE) }
     }
@@ -72,7 +67,6 @@ impl Lines {
 
     /// The time left in words, from the mean time of the pieces so far, and at most `most` seconds: `, 3 min left`; empty
     /// at the beginning and the end.
-    #[must_use]
     pub fn left(&self, done: usize, seconds: f64, most: f64) -> String {
         let (here, open) = (done.saturating_sub(self.first), self.total.saturating_sub(done));
         if here == 0 || open == 0 {

@@ -13,13 +13,11 @@ pub fn map_chunks<R: Send>(count: usize, work: impl Fn(Range<usize>) -> R + Sync
 }
 
 /// The three coordinates of point `i` of a flat `[N, 3]` slice.
-#[must_use]
 pub fn point(points: &[f32], i: usize) -> [f32; 3] {
     [points[3 * i], points[3 * i + 1], points[3 * i + 2]]
 }
 
 /// Whether all three coordinates are finite.
-#[must_use]
 pub fn finite(p: [f32; 3]) -> bool {
     p.iter().all(|v| v.is_finite())
 }

@@ -51,7 +51,6 @@ impl KMeans {
 }
 
 /// Bytes that [`kmeans`] needs beside its input for `count` points; the per-chunk sums dominate.
-#[must_use]
 pub fn memory(count: usize, dimensions: usize, clusters: usize) -> u128 {
     let sums = product(&[count.div_ceil(CHUNK), clusters, dimensions + 1, size_of::<f64>()]);
     // points, centroids, labels and distances
@@ -319,7 +318,6 @@ fn draw(costs: &[f64], share: f64) -> Option<usize> {
 }
 
 /// Returns the row of the nearest centroid and its squared distance; the first among equals.
-#[must_use]
 pub fn nearest(row: &[f32], centroids: &[f32], dimensions: usize) -> (usize, f32) {
     let mut best = (0, f32::INFINITY);
     for (k, centre) in centroids.chunks_exact(dimensions).enumerate() {

@@ -22,7 +22,6 @@ impl NearestRows {
     ///
     /// # Panics
     /// If there is no such point.
-    #[must_use]
     pub fn row(&self, i: usize) -> &[u32] {
         &self.indices[i * self.width..(i + 1) * self.width]
     }

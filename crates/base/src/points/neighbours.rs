@@ -319,7 +319,6 @@ fn row_key(y: u32, z: u32) -> u64 {
 }
 
 /// The squared distance of two points.
-#[must_use]
 pub fn squared(a: [f32; 3], b: [f32; 3]) -> f32 {
     let [x, y, z] = [0, 1, 2].map(|i| a[i] - b[i]);
     x * x + y * y + z * z

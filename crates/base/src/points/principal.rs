@@ -11,7 +11,6 @@ const ROUNDS: usize = 200;
 ///
 /// # Panics
 /// If `dims` is 0 or below `count`.
-#[must_use]
 pub fn principal(rows: &[f32], dims: usize, count: usize) -> (Vec<f64>, Vec<Vec<f64>>) {
     assert!(dims > 0 && count <= dims, "principal: at most as many components as dimensions");
     let good = || rows.chunks_exact(dims).filter(|r| r.iter().all(|v| v.is_finite()));

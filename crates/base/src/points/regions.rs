@@ -15,7 +15,6 @@ pub type Edge = (u32, u32, f64);
 ///
 /// # Panics
 /// If an edge names a node that is not below N.
-#[must_use]
 pub fn join(of: &[u32], edges: &[Edge], tiny: usize, cut: f64) -> Vec<u32> {
     let mut regions = Regions::new(of, edges);
     regions.join_tiny(tiny);

@@ -10,13 +10,11 @@ pub struct UnionFind {
 
 impl UnionFind {
     /// Each item of `0..len` in a set of its own.
-    #[must_use]
     pub fn new(len: usize) -> Self {
         Self { parents: (0..len as u32).map(AtomicU32::new).collect() }
     }
 
     /// The smallest member known so far of the set of `item`.
-    #[must_use]
     pub fn find(&self, item: u32) -> u32 {
         let mut at = item;
         loop {

@@ -145,7 +145,6 @@ pub enum ReportError {
 
 impl Section {
     /// Makes a part of a report.
-    #[must_use]
     pub fn new(id: &str, title: &str, intro: impl Into<String>, blocks: Vec<Block>) -> Self {
         Self { id: id.to_owned(), title: title.to_owned(), intro: intro.into(), blocks }
     }
@@ -153,7 +152,6 @@ impl Section {
 
 impl Report {
     /// Returns the whole page. The same report gives the same bytes.
-    #[must_use]
     pub fn to_html(&self) -> String {
         page::render(self)
     }

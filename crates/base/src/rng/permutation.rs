@@ -19,7 +19,6 @@ pub struct Permutation {
 
 impl Permutation {
     /// The order of `0..len` for that key.
-    #[must_use]
     pub fn new(len: u64, seed: u64, step: u64, purpose: Purpose) -> Self {
         let mut rng = Rng::new(seed, step, purpose);
         let bits = u64::BITS - len.saturating_sub(1).leading_zeros();
@@ -30,7 +29,6 @@ impl Permutation {
     ///
     /// # Panics
     /// If there is no such place.
-    #[must_use]
     pub fn get(&self, at: u64) -> u64 {
         assert!(at < self.len, "place {at} of {}", self.len);
         let mut x = self.shuffled(at);

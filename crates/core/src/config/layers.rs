@@ -96,13 +96,11 @@ pub struct Resolved<T> {
 
 impl<'a> Layers<'a> {
     /// Starts from the defaults alone; `presets` are the built-in files as (name, TOML text).
-    #[must_use]
     pub fn new(presets: &'a [(&'a str, &'a str)]) -> Self {
         Self { presets: Cow::Borrowed(presets), ..Self::default() }
     }
 
     /// As [`Layers::new`], with presets that were put together for it.
-    #[must_use]
     pub fn with_presets(presets: Vec<(&'a str, &'a str)>) -> Self {
         Self { presets: Cow::Owned(presets), ..Self::default() }
     }
@@ -115,7 +113,6 @@ impl<'a> Layers<'a> {
     }
 
     /// Adds overrides `a.b=value`. The value is TOML, or text where it does not parse as TOML.
-    #[must_use]
     pub fn sets<S: Into<String>>(mut self, sets: impl IntoIterator<Item = S>) -> Self {
         self.sets.extend(sets.into_iter().map(Into::into));
         self
@@ -219,7 +216,6 @@ impl<T> Resolved<T> {
     }
 
     /// The leaves in key order, one per line as `a.b = value  # origin`; the whole is valid TOML.
-    #[must_use]
     pub fn show(&self) -> String {
         let mut leaves = Vec::new();
         let whole = Value::Table(self.table.clone());

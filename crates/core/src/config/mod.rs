@@ -38,7 +38,6 @@ pub fn preset(name: &str) -> Result<Config, ConfigError> {
 }
 
 /// A key's name without its section, unless another key of `among` has the same name.
-#[must_use]
 pub fn short_key<'a>(key: &'a str, among: &[impl AsRef<str>]) -> &'a str {
     fn last(key: &str) -> &str {
         key.rsplit_once('.').map_or(key, |(_, name)| name)
@@ -48,7 +47,6 @@ pub fn short_key<'a>(key: &'a str, among: &[impl AsRef<str>]) -> &'a str {
 }
 
 /// Flattens sections into dotted keys: `loss = { kind = "l1" }` and `"loss.kind" = "l1"` are equivalent.
-#[must_use]
 pub fn flatten(table: &Table) -> BTreeMap<String, Value> {
     fn walk(prefix: &str, table: &Table, out: &mut BTreeMap<String, Value>) {
         for (key, value) in table {

@@ -30,7 +30,6 @@ pub struct Section {
 
 impl Section {
     /// The section of these settings.
-    #[must_use]
     pub const fn new<S: Settings>() -> Self {
         let schema = |generator: &mut SchemaGenerator| generator.subschema_for::<S>();
         let complete = |value: Value| serde_json::to_value(serde_json::from_value::<S>(value)?);
@@ -38,7 +37,6 @@ impl Section {
     }
 
     /// Its name.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         self.name
     }

@@ -86,25 +86,21 @@ pub(super) const NPY: Exporter = Exporter {
 
 impl Exporter {
     /// Returns all exporters.
-    #[must_use]
     pub fn all() -> Vec<&'static Self> {
         EXPORTERS.all().into_iter().map(|(_, exporter)| exporter).collect()
     }
 
     /// Returns the exporter of files with this extension, in any case.
-    #[must_use]
     pub fn of_extension(extension: &str) -> Option<&'static Self> {
         EXPORTERS.get(&extension.to_ascii_lowercase()).ok()
     }
 
     /// Whether it writes Gaussians.
-    #[must_use]
     pub fn holds_gaussians(&self) -> bool {
         matches!(self.content, Content::Gaussians { .. })
     }
 
     /// How it writes labels, if it does.
-    #[must_use]
     pub fn labels(&self) -> Option<LabelWriter> {
         match self.content {
             Content::Gaussians { .. } => None,

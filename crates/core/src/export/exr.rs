@@ -7,7 +7,6 @@ const FLOAT: i32 = 2;
 
 /// Encodes channels of `width` x `height` pixels, `[H, W]` each, as an OpenEXR file with a `comment`. Readers find
 /// channels by name, such as `Z`, and list them by it.
-#[must_use]
 pub fn encode([width, height]: [usize; 2], channels: &[(&str, Vec<f32>)], comment: &str) -> Vec<u8> {
     // the format requires this order
     let mut channels: Vec<&(&str, Vec<f32>)> = channels.iter().collect();

@@ -54,7 +54,6 @@ impl FieldVolume<'_> {
     }
 
     /// Returns the name of each number of a voxel, in the order of the file.
-    #[must_use]
     pub fn channels(&self) -> Vec<String> {
         let of = |field: &Field| -> Vec<String> {
             match (field.name, field.components) {

@@ -180,7 +180,6 @@ impl Lpips {
 
     /// Features of the backbone's first stage for images `[N, 3, H, W]` in [-1, 1]; for VGG those after its second
     /// ReLU, `[N, 64, H, W]`. Differentiable with respect to the images.
-    #[must_use]
     pub fn first_features(&self, images: Tensor<4>) -> Tensor<4> {
         let device = images.device();
         let row = |values: [f32; 3]| Tensor::from_data(TensorData::new(values.to_vec(), [1, 3, 1, 1]), &device);

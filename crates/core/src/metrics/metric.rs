@@ -44,7 +44,6 @@ impl Networks {
     }
 
     /// The networks of LPIPS, in the order of their files.
-    #[must_use]
     pub fn lpips(&self) -> &[Lpips] {
         &self.lpips
     }
@@ -112,7 +111,6 @@ pub struct MetricDisplay {
 
 impl MetricDisplay {
     /// Describes a value without unit and note that tables have only on request.
-    #[must_use]
     pub const fn new(head: &'static str, short: &'static str, digits: usize, better: Better) -> Self {
         let (head, short) = (Cow::Borrowed(head), Cow::Borrowed(short));
         Self { head, short, unit: "", note: "", digits, better, by_default: false }
@@ -120,21 +118,18 @@ impl MetricDisplay {
 
     /// Describes a value of which only the name is known: shown under it with four digits; larger is better, unless the
     /// name ends in `_loss` or `_error`.
-    #[must_use]
     pub fn named(name: &str) -> Self {
         let better = if name.ends_with("_loss") || name.ends_with("_error") { Better::Lower } else { Better::Higher };
         Self { head: Cow::Owned(name.to_owned()), short: Cow::Owned(name.to_owned()), ..Self::new("", "", 4, better) }
     }
 
     /// Returns its abbreviation, unit and note, separated by commas.
-    #[must_use]
     pub fn name(&self) -> String {
         let parts = [&*self.short, self.unit, self.note];
         parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(", ")
     }
 
     /// Formats a value with its unit.
-    #[must_use]
     pub fn with_unit(&self, value: f64) -> String {
         let space = if self.unit.is_empty() { "" } else { " " };
         format!("{value:.*}{space}{}", self.digits, self.unit)
@@ -142,20 +137,17 @@ impl MetricDisplay {
 }
 
 /// Returns how the metric called `name` is shown, whether this program knows it or not.
-#[must_use]
 pub fn display(name: &str) -> MetricDisplay {
     let known = METRICS.get(name).ok().and_then(Metric::display);
     known.unwrap_or_else(|| MetricDisplay::named(name))
 }
 
 /// Returns how the headline is shown.
-#[must_use]
 pub fn headline() -> MetricDisplay {
     METRICS.names().first().map_or_else(|| MetricDisplay::named(""), |name| display(name))
 }
 
 /// Returns the names of the metrics that tables have unless told otherwise.
-#[must_use]
 pub fn default_names() -> Vec<String> {
     METRICS.names().into_iter().filter(|name| display(name).by_default).collect()
 }

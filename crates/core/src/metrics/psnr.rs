@@ -49,7 +49,6 @@ pub fn psnr(a: &[f32], b: &[f32]) -> Result<f64, MetricError> {
 }
 
 /// `value` rounded to 8 bits and back, as an image file would.
-#[must_use]
 pub fn to_8_bits(value: f32) -> f32 {
     (value.clamp(0.0, 1.0) * 255.0).round() / 255.0
 }
@@ -67,7 +66,6 @@ pub fn psnr_of_pictures(a: &[f32], b: &[f32]) -> Result<f64, MetricError> {
 }
 
 /// The PSNR in dB assigned to equal 8-bit images of `values` values.
-#[must_use]
 pub fn max_psnr_of_pictures(values: usize) -> f64 {
     20.0 * 255f64.log10() + 10.0 * (values as f64).log10()
 }

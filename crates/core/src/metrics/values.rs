@@ -32,7 +32,6 @@ impl MetricValues {
     }
 
     /// Returns the mean of each metric over the views that have it.
-    #[must_use]
     pub fn mean<'a>(views: impl IntoIterator<Item = &'a Self>) -> Self {
         let mut sums: BTreeMap<&str, (f64, usize)> = BTreeMap::new();
         for (name, value) in views.into_iter().flat_map(|view| &view.0) {
@@ -44,25 +43,21 @@ impl MetricValues {
     }
 
     /// Returns the value of a metric, if it has one.
-    #[must_use]
     pub fn get(&self, name: &str) -> Option<f64> {
         self.0.get(name).copied()
     }
 
     /// Returns the value of the first metric of the table; NaN if it has none.
-    #[must_use]
     pub fn headline(&self) -> f64 {
         METRICS.names().first().and_then(|name| self.get(name)).unwrap_or(f64::NAN)
     }
 
     /// Returns that value as text, with its unit.
-    #[must_use]
     pub fn headline_text(&self) -> String {
         headline().with_unit(self.headline())
     }
 
     /// Returns all built-in metrics in the order of the table, with or without a value, then the others, sorted.
-    #[must_use]
     pub fn in_order(&self) -> Vec<(&str, Option<f64>)> {
         let built_in = METRICS.built_in_names().map(|name| (name, self.get(name)));
         built_in.chain(self.others().map(|(name, value)| (name, Some(value)))).collect()
@@ -74,7 +69,6 @@ impl MetricValues {
     }
 
     /// Returns the values that tables have unless told otherwise, each with how it is shown.
-    #[must_use]
     pub fn shown_by_default(&self) -> Vec<(MetricDisplay, f64)> {
         default_names().iter().filter_map(|name| Some((display(name), self.get(name)?))).collect()
     }

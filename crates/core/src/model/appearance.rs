@@ -74,7 +74,6 @@ impl Default for HostShading {
 
 impl HostShading {
     /// The initial shading, with random normals, if `config` asks for one.
-    #[must_use]
     pub fn first(config: &ModelConfig, n: usize, seed: u64) -> Option<Self> {
         match config.appearance {
             Appearance::Sh => None,
@@ -122,7 +121,6 @@ impl HostGaussians {
     /// Funk-Hecke theorem its coefficient of band `l` is `Y_l(n)` times `2 pi` times the integral of `g(t) P_l(t)` over
     /// [-1, 1]. For `|t|^p` that factor is `4 pi` times 1 / (p + 1) in band 0 and p / ((p + 1) (p + 3)) in band 2; odd
     /// bands vanish.
-    #[must_use]
     pub fn baked(&self) -> Self {
         if Bands::of_any(self.sh_stride) == Bands::Even {
             let mut sh = vec![0.0; 27 * self.len()];
@@ -160,7 +158,6 @@ impl HostGaussians {
 
     /// The colours used for segmentation: the coefficients `[N, K, 3]` and K. For shaded Gaussians these are the unlit
     /// base colours alone, `[N, 1, 3]`.
-    #[must_use]
     pub fn material_colours(&self) -> (std::borrow::Cow<'_, [f32]>, usize) {
         if self.shading.is_none() || self.sh_stride == 1 {
             return (self.sh.as_slice().into(), self.sh_stride);

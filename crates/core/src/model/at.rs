@@ -18,7 +18,6 @@ pub struct SomeGaussians<'a> {
 
 impl SomeGaussians<'_> {
     /// These Gaussians at `time` in [0, 1].
-    #[must_use]
     pub fn deformed(&self, time: f32) -> HostGaussians {
         HostGaussians::from_splat(self.inputs(time))
     }
@@ -51,7 +50,6 @@ impl Scene {
     ///
     /// # Panics
     /// If `asked` is not of length N.
-    #[must_use]
     pub fn at_other_times(&self, asked: &[bool], min_opacity: f32) -> OtherTimes {
         let opacity = self.opacity_at_other_times(asked, min_opacity);
         let all: Vec<u32> = (0..asked.len() as u32).collect();
@@ -65,7 +63,6 @@ impl Scene {
     }
 
     /// Whether opacities may change over time.
-    #[must_use]
     pub fn opacity_changes(&self) -> bool {
         self.spec.deformed && self.spec.model.deform_opacity && self.spec.d3dgs.is_none()
     }
@@ -74,7 +71,6 @@ impl Scene {
     ///
     /// # Panics
     /// If an index is not below N.
-    #[must_use]
     pub fn subset(&self, which: &[u32]) -> SomeGaussians<'_> {
         self.rows(&self.without_colour(), which)
     }
@@ -105,7 +101,6 @@ impl Scene {
     ///
     /// # Panics
     /// If `asked` is not of length N.
-    #[must_use]
     pub fn opacity_at_other_times(&self, asked: &[bool], min_opacity: f32) -> Vec<f32> {
         assert_eq!(asked.len(), self.gaussians.count(), "asked: [N]");
         let all = self.without_colour();
@@ -126,7 +121,6 @@ impl Scene {
     }
 
     /// The Gaussians at `time` in [0, 1], on the host.
-    #[must_use]
     pub fn host_at(&self, time: f32) -> HostGaussians {
         HostGaussians::from_splat(self.deformed(time))
     }

@@ -5,7 +5,6 @@ use crate::data::Camera;
 /// Conversion to the camera of the splatting kernels.
 pub trait ToKernel {
     /// The same camera in single precision.
-    #[must_use]
     fn to_kernel(&self) -> volseggs_kernels::Camera;
 }
 

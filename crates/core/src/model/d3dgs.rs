@@ -160,7 +160,6 @@ pub fn check(config: &D3dgsConfig) -> Result<(), String> {
 const MAX_WIDTH: usize = 1 << 16;
 
 /// Number of parameters of the network for a configuration accepted by [`check`].
-#[must_use]
 pub fn parameters(config: &D3dgsConfig) -> u128 {
     let of_time = match config.time_features {
         0 => 0,
@@ -175,14 +174,12 @@ pub fn parameters(config: &D3dgsConfig) -> u128 {
 
 /// Number of values that a step keeps per Gaussian until the gradients are computed: the input, the concatenated input
 /// of the skip layer, each hidden layer before and after its ReLU, and the changes.
-#[must_use]
 pub fn kept_values(config: &D3dgsConfig) -> u128 {
     let joined = if config.skip > 0 { encoded(config) + config.width } else { 0 };
     (encoded(config) + joined + 2 * config.depth * config.width + OUTPUT_COLUMNS) as u128
 }
 
 /// Number of values per Gaussian in the widest tensor.
-#[must_use]
 pub fn widest(config: &D3dgsConfig) -> u128 {
     (0..config.depth).map(|i| inputs(config, i).max(config.width)).max().unwrap_or_default() as u128
 }

@@ -75,14 +75,12 @@ impl DefinedEncoder {
     }
 
     /// The parameters by name, in their shapes.
-    #[must_use]
     pub fn parameters(&self) -> Parameters {
         let parts = self.fixed.layout.iter().zip(&self.values);
         Parameters::new(parts.map(|((name, shape), value)| (name.clone(), shape.clone(), value.val())))
     }
 
     /// Number of features.
-    #[must_use]
     pub fn features(&self) -> usize {
         self.fixed.features
     }
@@ -91,7 +89,6 @@ impl DefinedEncoder {
     ///
     /// # Panics
     /// If the definition returns features of another shape than it declares.
-    #[must_use]
     pub fn forward(&self, points: Tensor<2>, time: f32) -> Tensor<2> {
         let expected = [points.dims()[0], self.fixed.features];
         let features = self.fixed.definition.forward(&self.parameters(), points, time);

@@ -24,7 +24,6 @@ pub struct HostEmbedding {
 
 impl HostEmbedding {
     /// The initial embedding: zeros for `n` Gaussians, or `None` where `width` (`model.embedding`) is 0.
-    #[must_use]
     pub fn first(width: usize, n: usize) -> Option<Self> {
         (width > 0).then(|| Self { width, values: vec![0.0; n * width] })
     }

@@ -17,13 +17,11 @@ pub struct Parameter {
 
 impl Parameter {
     /// Creates a parameter from its initial values, row-major.
-    #[must_use]
     pub fn new(name: &str, shape: impl Into<Vec<usize>>, start: Vec<f32>) -> Self {
         Self { name: name.to_owned(), shape: shape.into(), start }
     }
 
     /// Creates a parameter whose initial values are drawn one after another, row-major.
-    #[must_use]
     pub fn from_fn(name: &str, shape: impl Into<Vec<usize>>, mut value: impl FnMut() -> f32) -> Self {
         let shape = shape.into();
         let start = (0..shape.iter().product()).map(|_| value()).collect();
@@ -37,13 +35,11 @@ pub struct Parameters(Vec<(String, Vec<usize>, Tensor<1>)>);
 
 impl Parameters {
     /// The parameters, given as name, shape and values.
-    #[must_use]
     pub fn new(parts: impl Iterator<Item = (String, Vec<usize>, Tensor<1>)>) -> Self {
         Self(parts.collect())
     }
 
     /// Parameters at their initial values, on a device: for testing a definition on its own.
-    #[must_use]
     pub fn start(parameters: Vec<Parameter>, device: &Device) -> Self {
         let part = |p: Parameter| {
             let len = p.start.len();
@@ -56,7 +52,6 @@ impl Parameters {
     ///
     /// # Panics
     /// If the definition lists no parameter of that name with `D` extents.
-    #[must_use]
     pub fn get<const D: usize>(&self, name: &str) -> Tensor<D> {
         let found = self.0.iter().find(|(n, shape, _)| n == name && shape.len() == D);
         let Some((_, shape, tensor)) = found else {

@@ -70,7 +70,6 @@ impl Column<'_> {
     ///
     /// # Panics
     /// If `i` is not below N.
-    #[must_use]
     pub fn row(&self, i: usize) -> &[f32] {
         &self.values[i * self.width..][..self.width]
     }
@@ -94,7 +93,6 @@ impl HostGaussians {
     }
 
     /// The attributes that every Gaussian has, in the same order.
-    #[must_use]
     pub fn common_columns(&self) -> [Column<'_>; 5] {
         let [means, rotations, log_scales, opacity_logits, sh] = widths(self.sh_stride);
         [
@@ -107,14 +105,12 @@ impl HostGaussians {
     }
 
     /// N Gaussians with K coefficients, all numbers 0, without shading or embedding.
-    #[must_use]
     pub fn zeros(n: usize, sh_stride: usize) -> Self {
         let [means, rotations, log_scales, opacity_logits, sh] = widths(sh_stride).map(|width| vec![0.0; n * width]);
         Self { means, rotations, log_scales, opacity_logits, sh, sh_stride, shading: None, embedding: None }
     }
 
     /// One Gaussian with the attributes of a model's Gaussians: a placeholder for those of a file.
-    #[must_use]
     pub fn one(model: &ModelConfig) -> Self {
         let shading = HostShading::first(model, 1, 0);
         let embedding = HostEmbedding::first(model.embedding, 1);
@@ -122,7 +118,6 @@ impl HostGaussians {
     }
 
     /// New Gaussians with the same attributes, each column computed by `f` from the old one.
-    #[must_use]
     pub fn map(&self, f: impl FnMut(Column<'_>) -> Vec<f32>) -> Self {
         let mut columns = self.columns().map(f);
         // in the order of `columns`, which yields as many
@@ -140,25 +135,21 @@ impl HostGaussians {
     }
 
     /// N.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.opacity_logits.len()
     }
 
     /// True if there are no Gaussians.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.opacity_logits.is_empty()
     }
 
     /// Highest spherical-harmonics degree of K coefficients, 0 to 3, or 4 with even bands alone.
-    #[must_use]
     pub fn sh_degree(&self) -> usize {
         Bands::from_count(self.sh_stride).map_or(0, |(_, degree)| degree)
     }
 
     /// The first attribute that does not hold N rows of its width, as `(column, expected number of values)`.
-    #[must_use]
     pub fn mismatched_column(&self) -> Option<(Column<'_>, usize)> {
         let n = self.len();
         self.columns().map(|c| (c, n * c.width)).find(|(c, wanted)| c.values.len() != *wanted)
@@ -168,13 +159,11 @@ impl HostGaussians {
     ///
     /// # Panics
     /// If `i` is not below N.
-    #[must_use]
     pub fn is_finite(&self, i: usize) -> bool {
         self.columns().all(|column| column.row(i).iter().all(|v| v.is_finite()))
     }
 
     /// Linear opacity `[N]`.
-    #[must_use]
     pub fn opacity(&self) -> Vec<f32> {
         (0..self.len()).map(|i| self.opacity_of(i)).collect()
     }
@@ -183,13 +172,11 @@ impl HostGaussians {
     ///
     /// # Panics
     /// If `i` is not below N.
-    #[must_use]
     pub fn opacity_of(&self, i: usize) -> f32 {
         sigmoid(self.opacity_logits[i])
     }
 
     /// Means `[M, 3]` of the visible Gaussians: opacity above 1 / 255.
-    #[must_use]
     pub fn visible_means(&self) -> Vec<f32> {
         let rows = self.means.chunks_exact(3).zip(self.opacity()).filter(|(_, o)| *o > 1.0 / 255.0);
         rows.flat_map(|(m, _)| m).copied().collect()
@@ -199,7 +186,6 @@ impl HostGaussians {
     ///
     /// # Panics
     /// If a member is not below N.
-    #[must_use]
     pub fn subset(&self, members: &[u32]) -> Self {
         self.map(|column| column.gather(members.iter().map(|&i| i as usize)))
     }
@@ -232,13 +218,11 @@ impl HostGaussians {
     ///
     /// # Panics
     /// If the arrays disagree on N.
-    #[must_use]
     pub fn to_splat(&self, device: &Device) -> SplatInputs {
         self.clone().into_splat(device)
     }
 
     /// The same Gaussians, all of the same grey.
-    #[must_use]
     pub fn without_colours(&self) -> Self {
         Self {
             means: self.means.clone(),
@@ -256,7 +240,6 @@ impl HostGaussians {
     ///
     /// # Panics
     /// If the arrays disagree on N.
-    #[must_use]
     pub fn into_splat(self, device: &Device) -> SplatInputs {
         let (n, k) = (self.len(), self.sh_stride);
         let [means, rotations, log_scales, ..] = widths(k);
@@ -273,7 +256,6 @@ impl HostGaussians {
     }
 
     /// Copies Gaussians from a device; screen offsets are not an attribute and are dropped.
-    #[must_use]
     pub fn from_splat(on_device: SplatInputs) -> Self {
         Self {
             sh_stride: on_device.sh.dims()[1],

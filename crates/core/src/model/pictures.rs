@@ -6,7 +6,6 @@ use burn::tensor::Device;
 use volseggs_kernels::splat::{SplatSettings, splat};
 
 /// Colour over the background and alpha, `[H, W, 4]`.
-#[must_use]
 pub fn draw(gaussians: &HostGaussians, settings: SplatSettings, device: &Device) -> Vec<f32> {
     draw_each(gaussians.clone(), [settings], device).next().unwrap_or_default()
 }

@@ -19,14 +19,12 @@ pub struct Rendering {
 
 impl Rendering {
     /// The settings for the view of `camera`.
-    #[must_use]
     pub fn seen_by(self, camera: Camera) -> SplatSettings {
         let Self { background, sh_degree, dilation, path_opacity } = self;
         SplatSettings { camera, background, sh_degree, dilation, path_opacity }
     }
 
     /// The standard deviation by which the dilation widens Gaussians where a pixel has this side, in its unit.
-    #[must_use]
     pub fn widening(&self, pixel: f64) -> f64 {
         pixel * f64::from(self.dilation).sqrt()
     }

@@ -42,13 +42,11 @@ pub struct SceneSpec {
 
 impl SceneSpec {
     /// Centre of the field's box, scene units: what cameras look at.
-    #[must_use]
     pub fn centre(&self) -> DVec3 {
         DVec3::from_array(self.centre.map(f64::from))
     }
 
     /// How its Gaussians are drawn.
-    #[must_use]
     pub fn rendering(&self) -> Rendering {
         let Self { background, sh_degree, .. } = *self;
         let ModelConfig { dilation, path_opacity, .. } = self.model;

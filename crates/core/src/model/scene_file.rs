@@ -55,7 +55,6 @@ pub enum SceneError {
 impl SceneError {
     /// Whether the bytes are not those that were written, or hold non-finite values: another copy of the file, or an
     /// older checkpoint, helps.
-    #[must_use]
     pub fn is_damage(&self) -> bool {
         matches!(self, Self::NotFinite { .. } | Self::File(TensorFileError::Damaged { .. }))
     }

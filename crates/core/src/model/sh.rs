@@ -23,7 +23,6 @@ pub fn degrees(k: usize) -> impl Iterator<Item = usize> {
 
 /// The functions of K coefficients at a unit direction, at most 16, in the order and with the signs of 3D Gaussian
 /// splatting: those of even bands where K is the number of these.
-#[must_use]
 pub fn basis_of(k: usize, direction: [f32; 3]) -> [f32; 16] {
     match Bands::of_any(k) {
         Bands::All => basis(direction),
@@ -36,7 +35,6 @@ pub fn basis_of(k: usize, direction: [f32; 3]) -> [f32; 16] {
 }
 
 /// The 16 functions up to degree 3 at a unit direction, in the order and with the signs of 3D Gaussian splatting.
-#[must_use]
 pub fn basis(direction: [f32; 3]) -> [f32; 16] {
     let [x, y, z] = direction;
     let mut values = sh::basis(direction, 3, Bands::All);

@@ -34,7 +34,6 @@ pub struct ModelSizes {
 
 impl ModelSizes {
     /// Returns the sizes of a scene with the field that `model` describes, or with the network of D3DGS in its place.
-    #[must_use]
     pub fn of_scene(model: &ModelConfig, network: Option<&D3dgsConfig>) -> Self {
         let (attributes, colours) = (attributes(model), coefficients(model).saturating_mul(3));
         let Some(network) = network else {
@@ -84,7 +83,6 @@ pub fn check_model(config: &ModelConfig) -> Result<(), String> {
 }
 
 /// Number of spherical-harmonics coefficients K per Gaussian and channel.
-#[must_use]
 pub fn coefficients(config: &ModelConfig) -> u128 {
     let degree = config.sh_degree as u128;
     match config.sh_bands {
@@ -95,7 +93,6 @@ pub fn coefficients(config: &ModelConfig) -> u128 {
 }
 
 /// Number of values per Gaussian: spherical harmonics, embedding and the other attributes.
-#[must_use]
 pub fn attributes(config: &ModelConfig) -> u128 {
     let coefficients = coefficients(config);
     let normal = if config.appearance == Appearance::Headlight { 3 } else { 0 };
@@ -104,19 +101,16 @@ pub fn attributes(config: &ModelConfig) -> u128 {
 }
 
 /// Number of features that the encoder outputs per Gaussian.
-#[must_use]
 pub fn features(config: &ModelConfig) -> u128 {
     find_encoder(&config.encoder).map_or(0, |encoder| encoder.features(config))
 }
 
 /// Number of inputs of the decoder per Gaussian: the features and the embedding.
-#[must_use]
 pub fn inputs(config: &ModelConfig) -> u128 {
     features(config).saturating_add(config.embedding as u128)
 }
 
 /// Number of hidden values of the decoder per Gaussian, of the trunk and of each head.
-#[must_use]
 pub fn hidden(config: &ModelConfig) -> u128 {
     product(&[1 + heads(config), config.width])
 }
@@ -129,13 +123,11 @@ fn heads(config: &ModelConfig) -> usize {
 }
 
 /// Number of values that a step keeps per Gaussian until the gradients of the encoder are computed, besides the features.
-#[must_use]
 pub fn encoder_values(config: &ModelConfig) -> u128 {
     find_encoder(&config.encoder).map_or(0, |encoder| encoder.kept_values(config))
 }
 
 /// Number of values per Gaussian in the encoder's widest tensor, if that is not the features.
-#[must_use]
 pub fn widest_layer(config: &ModelConfig) -> u128 {
     find_encoder(&config.encoder).map_or(0, |encoder| encoder.widest_layer(config))
 }
@@ -146,13 +138,11 @@ pub(super) fn layer(inputs: u128, outputs: u128) -> u128 {
 }
 
 /// Number of parameters of the encoder; 0 if it is not known.
-#[must_use]
 pub fn encoder_parameters(config: &ModelConfig) -> u128 {
     find_encoder(&config.encoder).map_or(0, |encoder| encoder.parameters(config))
 }
 
 /// Number of parameters of the deformation field: the encoder's, by [`encoder_parameters`], and the decoder's.
-#[must_use]
 pub fn field_parameters(config: &ModelConfig) -> u128 {
     let width = config.width as u128;
     let trunk = layer(inputs(config), width);

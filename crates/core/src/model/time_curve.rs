@@ -8,7 +8,6 @@ use crate::config::types::TimeCurve;
 use burn::tensor::{Device, Tensor, TensorData};
 
 /// Weights `[knots]` of the knots at `time` in [0, 1], which spans them all.
-#[must_use]
 pub fn weights(curve: TimeCurve, knots: usize, time: f32) -> Vec<f32> {
     match curve {
         TimeCurve::Linear => linear_weights(knots, time),

@@ -8,7 +8,6 @@ const ROUNDS: usize = 50;
 
 /// Returns what is allowed but hardly meant when training on `views` views, one note each: Gaussians that are added until
 /// a run ends, as where a preset is shortened by its steps alone; and a joint stage much longer than few views bear.
-#[must_use]
 pub fn advice(config: &Config, views: usize) -> Vec<String> {
     [late_additions(config), many_rounds(config, views)].into_iter().flatten().collect()
 }

@@ -109,7 +109,6 @@ pub fn folder_name(step: usize) -> String {
 }
 
 /// Returns the step of the checkpoint in that folder, from its name.
-#[must_use]
 pub fn step_of(path: &Path) -> Option<usize> {
     path.file_name()?.to_str()?.strip_prefix("step-")?.parse().ok()
 }

@@ -93,7 +93,6 @@ pub fn open_trained(root: &Path, config: &Config, most: usize) -> Result<(Split,
 }
 
 /// Returns the times in [0, 1] that `config` trains on; `data` may have been opened with or without its images.
-#[must_use]
 pub fn trained_times(data: &Dataset, config: &Config) -> Vec<f64> {
     if config.data.only_times.is_empty() {
         // the number of views per time does not matter

@@ -21,7 +21,6 @@ pub struct LossWatch {
 
 impl LossWatch {
     /// Returns a watch over a training of `total` steps on `device` with a checkpoint every `checkpoint_every` steps.
-    #[must_use]
     pub fn new(device: &Device, checkpoint_every: usize, total: usize) -> Self {
         let runs_ahead = crate::device::runs_ahead(device);
         Self { runs_ahead, checkpoint_every, total, last: (f64::NAN, f64::NAN) }
@@ -62,7 +61,6 @@ impl LossWatch {
     }
 
     /// Returns the loss, and the PSNR in decibels, of the last step that was read.
-    #[must_use]
     pub fn last(&self) -> (f64, f64) {
         self.last
     }

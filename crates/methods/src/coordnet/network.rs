@@ -72,7 +72,6 @@ fn sizes(config: &CoordNetConfig) -> impl Iterator<Item = [usize; 2]> {
 }
 
 /// Number of weights and biases of the network; saturates.
-#[must_use]
 pub fn parameters(config: &CoordNetConfig) -> u128 {
     let of = |[inputs, outputs]: [usize; 2]| {
         let layer = |inputs: usize| product(&[inputs, outputs]).saturating_add(outputs as u128);
@@ -90,7 +89,6 @@ pub(super) fn values_per_pixel(config: &CoordNetConfig) -> u128 {
 
 impl SineNetwork {
     /// A network with random weights.
-    #[must_use]
     pub fn new(config: &CoordNetConfig, seed: u64, device: &Device) -> Self {
         let mut rng = Rng::new(seed, 0, Purpose::MethodInit);
         let blocks = sizes(config).map(|size| Block::new(&mut rng, size, config.omega, device)).collect();
@@ -98,7 +96,6 @@ impl SineNetwork {
     }
 
     /// The device of its weights.
-    #[must_use]
     pub fn device(&self) -> Device {
         match self.blocks.first() {
             Some(block) => block.first.weight.device(),
@@ -108,7 +105,6 @@ impl SineNetwork {
 
     /// Colours `[N, 3]` in [-1, 1] for inputs `[N, 5]`. There is no final linear layer: the last block also consists of
     /// sines.
-    #[must_use]
     pub fn forward(&self, inputs: Tensor<2>) -> Tensor<2> {
         self.blocks.iter().fold(inputs, |x, block| block.forward(x, self.omega))
     }

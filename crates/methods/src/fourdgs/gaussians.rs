@@ -50,7 +50,6 @@ impl Gaussians4d {
     ///
     /// # Panics
     /// As [`harmonics_at`].
-    #[must_use]
     pub fn at(&self, time: f32, colours: ColourSeries) -> CovarianceInputs {
         self.drawn(self.moment(time), time, colours)
     }
@@ -59,7 +58,6 @@ impl Gaussians4d {
     ///
     /// # Panics
     /// As [`harmonics_at`].
-    #[must_use]
     pub fn drawn(&self, moment: Moment, time: f32, colours: ColourSeries) -> CovarianceInputs {
         let ColourSeries { sh_stride, time_degree, duration } = colours;
         CovarianceInputs {
@@ -72,14 +70,12 @@ impl Gaussians4d {
     }
 
     /// Positions, extents, velocities and marginals of the Gaussians at `time`.
-    #[must_use]
     pub fn moment(&self, time: f32) -> Moment {
         let rotations = rotations(self.left.val(), self.right.val());
         Moment::new(self.means.val(), self.times.val(), rotations, self.log_scales.val(), time)
     }
 
     /// Number of Gaussians.
-    #[must_use]
     pub fn count(&self) -> usize {
         self.times.dims()[0]
     }

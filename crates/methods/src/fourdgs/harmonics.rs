@@ -9,7 +9,6 @@ use std::f32::consts::TAU;
 ///
 /// # Panics
 /// If the coefficients do not reach that order, or their number is not a multiple of `sh_stride`.
-#[must_use]
 pub fn harmonics_at(
     coefficients: Tensor<3>,
     times: Tensor<1>,

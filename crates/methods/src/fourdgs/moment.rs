@@ -26,7 +26,6 @@ pub struct Moment {
 impl Moment {
     /// Conditions Gaussians at `means` `[N, 3]` and `times` `[N]`, with `rotations` `[4, 4, N]` and the logarithms of
     /// their standard deviations along x, y, z, t `[N, 4]`, on `time`.
-    #[must_use]
     pub(super) fn new(
         means: Tensor<2>,
         times: Tensor<1>,

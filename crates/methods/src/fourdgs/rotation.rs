@@ -15,7 +15,6 @@ const RIGHT: Layout = [[1, 2, 3, 4], [-2, 1, -4, 3], [-3, 4, 1, -2], [-4, -3, 2,
 
 /// Rotation matrices `[N, 4, 4]` of x, y, z, t from quaternions `left` and `right` `[N, 4]` (w, i, j, k), normalised
 /// inside: `v -> l v conj(r)` with `v = t + z i + y j + x k`, as in 4DGS. If the two are equal, time is unchanged.
-#[must_use]
 pub fn rotation_matrices(left: Tensor<2>, right: Tensor<2>) -> Tensor<3> {
     rotations(left, right).permute([2, 0, 1])
 }

@@ -78,14 +78,12 @@ impl FourDgsConfig {
     }
 
     /// Number of values per Gaussian, with spherical harmonics of degree `sh_degree` at each order in time.
-    #[must_use]
     pub fn numbers(&self, sh_degree: usize) -> u128 {
         // position, time; scales; two quaternions; opacity
         self.colours(sh_degree).saturating_add(3 + 1 + 4 + 4 + 4 + 1)
     }
 
     /// Number of values of its colours.
-    #[must_use]
     pub fn colours(&self, sh_degree: usize) -> u128 {
         let coefficients = (sh_degree as u128).saturating_add(1).saturating_pow(2);
         (self.time_orders as u128).saturating_add(1).saturating_mul(coefficients).saturating_mul(3)
@@ -94,7 +92,6 @@ impl FourDgsConfig {
     /// Values that a step keeps for each Gaussian until the gradients are computed, besides its own: rotations and
     /// their factors, quantities conditioned on a time, terms of the colours, velocities of neighbours. As measured,
     /// 100,000 published Gaussians take 0.7 GB.
-    #[must_use]
     pub fn kept_values(&self, sh_degree: usize) -> u128 {
         let neighbours = if self.rigid > 0.0 { self.rigid_neighbours } else { 0 };
         self.colours(sh_degree).saturating_mul(2).saturating_add(400).saturating_add(14 * neighbours as u128)

@@ -80,7 +80,6 @@ fn flat(conv: &Conv) -> Tensor<2> {
 
 impl Discriminator {
     /// A discriminator with orthogonal weights.
-    #[must_use]
     pub fn new(config: &InSituNetConfig, rng: &mut Rng, device: &Device) -> Self {
         let last = config.critic_channels.last().copied().unwrap_or(1);
         let inputs = std::iter::once(&COLOURS).chain(&config.critic_channels);
@@ -124,7 +123,6 @@ impl Discriminator {
     /// Scores `[N, 1]` of images `[N, 3, side, side]` in [-1, 1] for inputs `[N, 4]`: `s(h) + <h, e>`, where h is the
     /// output of the convolutions for the image, summed over its pixels, and e an embedding of the inputs (Miyato and
     /// Koyama, "cGANs with projection discriminator", ICLR 2018).
-    #[must_use]
     pub fn forward(&self, pictures: Tensor<4>, inputs: Tensor<2>) -> Tensor<2> {
         let mut normal = Normal { left: self.left.iter() };
         let encoded = self.encoder.forward_with(inputs, &mut |layer| normal.linear(layer));

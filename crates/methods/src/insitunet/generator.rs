@@ -96,7 +96,6 @@ pub struct Generator {
 }
 
 /// Numbers of the generator's trained values and of its statistics; saturates.
-#[must_use]
 pub fn parameters(config: &InSituNetConfig, groups: &[usize]) -> [u128; 2] {
     let wide = |n: usize| n as u128;
     let all = |terms: &[u128]| terms.iter().fold(0u128, |sum, term| sum.saturating_add(*term));
@@ -119,7 +118,6 @@ pub fn parameters(config: &InSituNetConfig, groups: &[usize]) -> [u128; 2] {
 }
 
 /// Number of values of the images between the blocks for one image, one per block; saturates.
-#[must_use]
 pub(super) fn image_values(config: &InSituNetConfig) -> u128 {
     let of = |(k, channels): (usize, &usize)| product(&[FIRST_SIDE << k, FIRST_SIDE << k, *channels]);
     config.channels.iter().enumerate().map(of).fold(0, u128::saturating_add)
@@ -127,7 +125,6 @@ pub(super) fn image_values(config: &InSituNetConfig) -> u128 {
 
 impl Generator {
     /// A generator with orthogonal weights.
-    #[must_use]
     pub fn new(config: &InSituNetConfig, groups: &[usize], rng: &mut Rng, device: &Device) -> Self {
         let channels = &config.channels;
         let (first, last) = (channels.first().copied().unwrap_or(1), channels.last().copied().unwrap_or(1));
@@ -144,14 +141,12 @@ impl Generator {
     }
 
     /// The device of its weights.
-    #[must_use]
     pub fn device(&self) -> Device {
         self.dense.device()
     }
 
     /// Images `[N, 3, side, side]` in [-1, 1] for inputs `[N, 4]`. In training (`seen` is given) a batch is normalised
     /// by its own moments, which are appended to `seen`.
-    #[must_use]
     pub fn forward(&self, inputs: Tensor<2>, mut seen: Option<&mut Vec<Moments>>) -> Tensor<4> {
         let n = inputs.dims()[0];
         let x = self.encoder.forward(inputs).matmul(self.dense.val());

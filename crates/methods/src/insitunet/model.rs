@@ -38,7 +38,6 @@ pub struct InSituNetSpec {
 
 impl InSituNetSpec {
     /// The inputs of a view: the time in [-1, 1]; cosine and sine of the azimuth; and the elevation in quarter turns.
-    #[must_use]
     pub fn inputs(&self, camera: &Camera, time: f32) -> [f32; INPUTS] {
         let angles = self.sphere.angles(camera);
         let (sine, cosine) = angles.azimuth.sin_cos();
@@ -58,7 +57,6 @@ pub struct InSituNet {
 
 impl InSituNet {
     /// A generator with random weights.
-    #[must_use]
     pub fn new(spec: InSituNetSpec, seed: u64, device: &Device) -> Self {
         let mut rng = Rng::new(seed, 0, Purpose::MethodInit);
         Self { generator: Generator::new(&spec.config, &GROUPS, &mut rng, device), spec }

@@ -5,7 +5,6 @@ use burn::tensor::{Device, Tensor, TensorData};
 /// A matrix `[to, from]` that resizes `from` pixels to `to`: it interpolates at each new pixel's centre between the two
 /// nearest old ones, as PyTorch's `interpolate(mode="bilinear", align_corners=False)` does. There is no averaging when
 /// reducing.
-#[must_use]
 pub fn weights(from: usize, to: usize) -> Vec<f32> {
     let mut out = vec![0.0; from * to];
     for (i, row) in out.chunks_exact_mut(from.max(1)).enumerate() {
@@ -19,7 +18,6 @@ pub fn weights(from: usize, to: usize) -> Vec<f32> {
 }
 
 /// Resizes images `[N, C, H, W]` to `[N, C, height, width]`.
-#[must_use]
 pub fn resized(x: Tensor<4>, [height, width]: [usize; 2]) -> Tensor<4> {
     let [_, _, h, w] = x.dims();
     if [h, w] == [height, width] {

@@ -124,7 +124,6 @@ impl InSituNetConfig {
 
     /// The weights of the feature and pixel differences. Without a VGG file there are no features, and pixels replace
     /// them.
-    #[must_use]
     pub fn comparison(&self) -> [f64; 2] {
         match (self.vgg.is_empty(), self.pixel > 0.0) {
             (false, _) => [self.perceptual, self.pixel],
@@ -134,7 +133,6 @@ impl InSituNetConfig {
     }
 
     /// Width and height of the generator's images, pixels.
-    #[must_use]
     pub fn side(&self) -> usize {
         4 << self.channels.len().saturating_sub(1)
     }

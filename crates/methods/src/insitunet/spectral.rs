@@ -15,7 +15,6 @@ fn unit(x: Tensor<2>) -> Tensor<2> {
 
 /// Returns the next estimate of the left singular vector from the last one, `[outputs]`, and a matrix
 /// `[outputs, inputs]`. Without gradients.
-#[must_use]
 pub fn next(matrix: &Tensor<2>, left: &Tensor<1>) -> Tensor<1> {
     let matrix = matrix.clone().detach();
     let [outputs, _] = matrix.dims();
@@ -30,7 +29,6 @@ fn right(matrix: &Tensor<2>, left: &Tensor<1>) -> Tensor<2> {
 
 /// The largest singular value `[1, 1]` from the estimate of its left vector, which is treated as constant: gradients
 /// flow to the matrix.
-#[must_use]
 pub fn norm(matrix: &Tensor<2>, left: &Tensor<1>) -> Tensor<2> {
     let [outputs, _] = matrix.dims();
     let right = right(&matrix.clone().detach(), left);

@@ -56,14 +56,12 @@ pub struct Times {
 
 impl GridSize {
     /// The layout of its planes and lines in memory.
-    #[must_use]
     pub fn shape(&self) -> FieldShape {
         let levels = vec![LevelShape { resolution: self.resolution }];
         FieldShape { levels, time_knots: 1, channels: self.ranks }
     }
 
     /// Number of values in the grid; saturates.
-    #[must_use]
     pub fn parameters(&self) -> u128 {
         let [x, y, z] = self.resolution.map(|n| n as u128);
         let of = |a: u128, b: u128| a.saturating_mul(b);
@@ -76,7 +74,6 @@ impl GridSize {
 
 /// The time at fraction `part` of the way from the first of `knots` times to the last, as a mixture of them: linear
 /// between neighbours.
-#[must_use]
 pub fn mixture(knots: usize, part: f64) -> Vec<f32> {
     let mut out = vec![0.0; knots];
     let [low, high] = neighbours(knots, part);
@@ -87,7 +84,6 @@ pub fn mixture(knots: usize, part: f64) -> Vec<f32> {
 }
 
 /// The times on either side of it.
-#[must_use]
 pub fn neighbours(knots: usize, part: f64) -> [usize; 2] {
     let place = part.clamp(0.0, 1.0) * (knots - 1) as f64;
     let low = (place as usize).min(knots.saturating_sub(2));
@@ -96,7 +92,6 @@ pub fn neighbours(knots: usize, part: f64) -> [usize; 2] {
 
 impl Grid {
     /// A grid with random planes and lines.
-    #[must_use]
     pub fn new(size: &GridSize, rng: &mut Rng, device: &Device) -> Self {
         let shape = size.shape();
         let mut normal = |len: usize| parameter((0..len).map(|_| START * rng.normal()).collect(), [len], device);
@@ -113,7 +108,6 @@ impl Grid {
     }
 
     /// Features `[N, features]` of points `[N, 3]` in [-1, 1].
-    #[must_use]
     pub fn forward(&self, points: Tensor<2>, times: &Times) -> Tensor<2> {
         let device = points.device();
         let ones = Tensor::ones([self.shape.times_len()], &device);
@@ -127,7 +121,6 @@ impl Grid {
     }
 
     /// Sizes and layout of planes and lines.
-    #[must_use]
     pub fn shape(&self) -> &FieldShape {
         &self.shape
     }
@@ -135,7 +128,6 @@ impl Grid {
 
 impl Times {
     /// Mixtures `[T][knots]`, and the time of each point, on a device.
-    #[must_use]
     pub fn new(mixtures: &[Vec<f32>], of_points: &[i32], device: &Device) -> Self {
         let knots = mixtures.first().map_or(0, Vec::len);
         let mixtures = TensorData::new(mixtures.concat(), [mixtures.len(), knots]);

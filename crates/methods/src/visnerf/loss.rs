@@ -17,7 +17,6 @@ pub struct Weights {
 }
 
 /// The weighted sum of all terms, `[1]`; `None` if no weight is above 0.
-#[must_use]
 pub fn regularisers(network: &Network, weights: Weights) -> Option<Tensor<1>> {
     let Weights { sparsity: sparse, tv, tv_time } = weights;
     let mut terms = Vec::new();

@@ -74,20 +74,17 @@ impl VisNerfSpec {
     }
 
     /// The box.
-    #[must_use]
     pub fn bounds(&self) -> Box3 {
         Box3 { centre: self.centre, half: self.half }
     }
 
     /// Fraction of the way from the first to the last training time at which `time` lies.
-    #[must_use]
     pub fn part(&self, time: f64) -> f64 {
         let [first, last] = self.ends;
         if last > first { (time - first) / (last - first) } else { 0.0 }
     }
 
     /// The distance between samples in rendered images, scene units, and the number that fit into the box's diagonal.
-    #[must_use]
     pub fn render_step(&self) -> (f32, usize) {
         let voxel = (0..3).map(|k| 2.0 * self.half[k] / (self.resolution[k] - 1) as f32).sum::<f32>() / 3.0;
         let step = voxel * self.config.render_step as f32;
@@ -125,7 +122,6 @@ pub struct VisNerf {
 
 impl VisNerf {
     /// A model with random weights.
-    #[must_use]
     pub fn new(spec: VisNerfSpec, seed: u64, device: &Device) -> Self {
         let network = Network::new(&spec.config, spec.resolution, spec.knots, seed, device);
         Self { network, occupancy: Occupancy::unknown(), spec }
@@ -147,7 +143,6 @@ impl VisNerf {
     }
 
     /// Marks the cells in which the networks have density, at each training time.
-    #[must_use]
     pub fn occupied(&self) -> Occupancy {
         let (network, device) = plain(&self.network);
         let spec = &self.spec;

@@ -58,7 +58,6 @@ fn inputs(config: &VisNerfConfig) -> usize {
 }
 
 /// Sizes of the grids of density and of appearance.
-#[must_use]
 pub fn grid_sizes(config: &VisNerfConfig, resolution: [usize; 3], knots: usize) -> [GridSize; 2] {
     let (time_ranks, features) = (config.time_ranks, config.features);
     [config.density_ranks, config.appearance_ranks].map(|ranks| GridSize {
@@ -71,7 +70,6 @@ pub fn grid_sizes(config: &VisNerfConfig, resolution: [usize; 3], knots: usize) 
 }
 
 /// Number of trained values; saturates.
-#[must_use]
 pub fn parameters(config: &VisNerfConfig, resolution: [usize; 3], knots: usize) -> u128 {
     let (width, inputs) = (config.width as u128, inputs_wide(config));
     let mlp = |outputs: u128| {
@@ -90,7 +88,6 @@ fn inputs_wide(config: &VisNerfConfig) -> u128 {
 
 impl Network {
     /// A network with random weights.
-    #[must_use]
     pub fn new(config: &VisNerfConfig, resolution: [usize; 3], knots: usize, seed: u64, device: &Device) -> Self {
         let mut rng = Rng::new(seed, 0, Purpose::MethodInit);
         let [density, appearance] = grid_sizes(config, resolution, knots).map(|s| Grid::new(&s, &mut rng, device));
@@ -106,7 +103,6 @@ impl Network {
     }
 
     /// Densities `[N]`, at least 0, at positions `points` `[N, 3]` in [-1, 1].
-    #[must_use]
     pub fn densities(&self, points: &[f32], times: &Times, device: &Device) -> Tensor<1> {
         let n = points.len() / 3;
         let places = Tensor::<2>::from_data(TensorData::new(points.to_vec(), [n, 3]), device);
@@ -116,7 +112,6 @@ impl Network {
     }
 
     /// Colours `[N, 3]` in [0, 1] at positions `points` `[N, 3]`, seen along unit vectors `directions` `[N, 3]`.
-    #[must_use]
     pub fn colours(&self, points: &[f32], directions: &[f32], times: &Times, device: &Device) -> Tensor<2> {
         let n = points.len() / 3;
         let places = Tensor::<2>::from_data(TensorData::new(points.to_vec(), [n, 3]), device);

@@ -16,21 +16,18 @@ pub struct Occupancy {
 
 impl Occupancy {
     /// The state before anything is known.
-    #[must_use]
     pub fn unknown() -> Self {
         Self::default()
     }
 
     /// Marks, for each time, the cells given by `is_something` `[side^3]` and their neighbours, diagonal ones included:
     /// the value at a cell's centre may miss what lies at its border.
-    #[must_use]
     pub fn new(side: usize, is_something: Vec<Vec<bool>>) -> Self {
         let cells = is_something.into_iter().map(|cells| grown(side, cells)).collect();
         Self { side, cells }
     }
 
     /// Centres of the cells `[side^3, 3]` in [-1, 1].
-    #[must_use]
     pub fn centres(side: usize) -> Vec<f32> {
         let at = |i: usize| (2 * i + 1) as f32 / side as f32 - 1.0;
         let cells = 0..side * side * side;
@@ -38,7 +35,6 @@ impl Occupancy {
     }
 
     /// Whether `point`, in [-1, 1], may be occupied between the training times `knots`.
-    #[must_use]
     pub fn holds(&self, knots: [usize; 2], point: [f32; 3]) -> bool {
         if self.cells.is_empty() {
             return true;
@@ -50,7 +46,6 @@ impl Occupancy {
     }
 
     /// The fraction of marked cells.
-    #[must_use]
     pub fn filled(&self) -> f64 {
         let all: usize = self.cells.iter().map(Vec::len).sum();
         if all == 0 {
@@ -60,7 +55,6 @@ impl Occupancy {
     }
 
     /// The cells as a tensor; `None` if nothing is known.
-    #[must_use]
     pub fn to_tensor(&self) -> Option<HostTensor> {
         let bits: Vec<bool> = self.cells.concat();
         let word = |bits: &[bool]| bits.iter().rev().fold(0u32, |word, bit| word << 1 | u32::from(*bit)) as f32;

@@ -12,14 +12,12 @@ pub struct RayCamera {
 
 impl RayCamera {
     /// Prepares the camera.
-    #[must_use]
     pub fn new(camera: Camera) -> Self {
         let across = |k: usize| -(0..3).map(|r| camera.rotation[r][k] * camera.translation[r]).sum::<f32>();
         Self { camera, origin: [across(0), across(1), across(2)] }
     }
 
     /// The ray through the centre of pixel `at` (row-major), with a direction of unit length.
-    #[must_use]
     pub fn ray(&self, at: usize, jitter: f32) -> Ray {
         let c = &self.camera;
         let seen = [((at % c.width) as f32 + 0.5 - c.cx) / c.fx, ((at / c.width) as f32 + 0.5 - c.cy) / c.fy, 1.0];

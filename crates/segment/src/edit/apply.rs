@@ -53,7 +53,6 @@ pub fn apply<'s>(
 /// Returns the opacity-weighted mean of the finite positions of `members` in `now`, scene units: the centre about which
 /// an edit of them rotates and scales. The weights are the opacities of `before`, the same Gaussians with no edit
 /// applied, as in [`apply`]. `None` if no position is finite.
-#[must_use]
 pub fn centre(before: &HostGaussians, now: &HostGaussians, members: &[u32]) -> Option<[f64; 3]> {
     let weights: Vec<f64> = before.opacity_logits.iter().map(|&logit| sigmoid_f64(logit.into())).collect();
     let own: Vec<usize> = members.iter().map(|i| *i as usize).collect();

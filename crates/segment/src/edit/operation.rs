@@ -88,7 +88,6 @@ fn is_false(value: &bool) -> bool {
 
 impl Operation {
     /// Returns the name in JSON.
-    #[must_use]
     pub fn name(&self) -> &'static str {
         match self {
             Self::Recolour { .. } => "recolour",
@@ -103,7 +102,6 @@ impl Operation {
     }
 
     /// Returns whether it may move the centre of a segment.
-    #[must_use]
     pub fn moves(&self) -> bool {
         matches!(
             self,
@@ -190,7 +188,6 @@ fn rounded(value: f64, unit: f64) -> f64 {
 impl Edit {
     /// Returns the edit as one line, such as `rotate ring by 90° about the axis (0, 0, 1) through its centre`, with lengths
     /// and positions in the units of the data; [`fmt::Display`] gives them in scene units.
-    #[must_use]
     pub fn line(&self, calibration: &Calibration) -> String {
         let names = self.segments.join(", ");
         let tuple = |p: [f64; 3]| {

@@ -17,7 +17,6 @@ pub struct ShRotation {
 impl ShRotation {
     /// Prepares the rotation of colours by `matrix` (row-major, orthonormal): afterwards, the colour seen in direction
     /// `R d` is the one seen before in direction `d`.
-    #[must_use]
     pub fn new(matrix: [[f64; 3]; 3]) -> Self {
         Self { bands: std::array::from_fn(|i| band_matrix(i + 1, matrix)) }
     }

@@ -77,13 +77,11 @@ impl EditStack {
     }
 
     /// Returns whether an edit, undone or not, names the segment.
-    #[must_use]
     pub fn names(&self, segment: &str) -> bool {
         self.operations.iter().chain(&self.undone).any(|e| e.segments.iter().any(|name| name == segment))
     }
 
     /// Returns the combined effect of the edits by this segment name.
-    #[must_use]
     pub fn total(&self, segment: &str) -> Total {
         let mut total = Total::default();
         for edit in self.operations.iter().filter(|e| e.segments.iter().any(|name| name == segment)) {
@@ -102,7 +100,6 @@ impl EditStack {
     }
 
     /// Returns a line for each edit, see [`Edit::line`], numbered from 1; undone ones follow in the order in which redo restores them.
-    #[must_use]
     pub fn list(&self, calibration: &Calibration) -> Vec<String> {
         let undone = self.undone.iter().rev().map(|edit| (edit, " (undone)"));
         let all = self.operations.iter().map(|edit| (edit, "")).chain(undone);

@@ -93,7 +93,6 @@ impl<'a> Candidates<'a> {
     /// below N. The `field` is evaluated at `places` `[N, 3]`, scene units, the positions at the time that it was
     /// trained at; `frame` is its box. Candidates that are all Gaussians are taken for the whole scene, see
     /// [`Self::of_segment`].
-    #[must_use]
     pub fn new(
         field: &'a AffinityField,
         frame: &'a Frame,
@@ -128,7 +127,6 @@ impl<'a> Candidates<'a> {
     }
 
     /// Returns the results computed so far.
-    #[must_use]
     pub fn into_found(self) -> Found {
         self.found
     }

@@ -65,7 +65,6 @@ pub fn seen(
 }
 
 /// Returns the heaviest Gaussian `under` a click for which `wanted` holds, the nearest of equals.
-#[must_use]
 pub fn heaviest(under: &[(u32, f32)], wanted: impl Fn(u32) -> bool) -> Option<u32> {
     let mut best: Option<(u32, f32)> = None;
     for &(index, weight) in under.iter().filter(|(index, _)| wanted(*index)) {

@@ -25,7 +25,6 @@ const DIRECTIONS: usize = 128;
 ///
 /// # Panics
 /// If `at` is of another number of Gaussians.
-#[must_use]
 pub fn other_times(scene: &Scene, at: &HostGaussians, config: &SegmentConfig) -> OtherTimes {
     let (hidden, min_opacity) = (hidden(at, config), config.colour.min_opacity);
     match config.colour.space {

@@ -30,13 +30,11 @@ pub struct Overlap {
 
 impl Overlap {
     /// `2 |A and B| / (|A| + |B|)`; 1 if both are empty.
-    #[must_use]
     pub fn dice(&self) -> f64 {
         ratio(2 * self.both, self.truth + self.predicted)
     }
 
     /// `|A and B| / |A or B|`; 1 if both are empty.
-    #[must_use]
     pub fn iou(&self) -> f64 {
         ratio(self.both, self.truth + self.predicted - self.both)
     }
@@ -111,7 +109,6 @@ impl Confusion {
     }
 
     /// Returns the overlap of a true label with a predicted one.
-    #[must_use]
     pub fn overlap(&self, truth: u32, predicted: u32) -> Overlap {
         let get = |map: &BTreeMap<u32, u64>, label| map.get(&label).copied().unwrap_or(0);
         Overlap {
@@ -127,7 +124,6 @@ impl Confusion {
     ///
     /// Predicted labels are added in descending order of the fraction of their voxels inside the true label, as long as
     /// the score rises, which is optimal.
-    #[must_use]
     pub fn match_sets(&self) -> Vec<Match> {
         self.truth.iter().map(|(&truth, &size)| self.best_set(truth, size)).collect()
     }
@@ -158,7 +154,6 @@ impl Confusion {
 
     /// Finds the one-to-one matching of true and predicted labels with the highest sum of Dice scores (the Hungarian
     /// method, `O(n^3)` in the number of labels). Labels that do not overlap are never matched.
-    #[must_use]
     pub fn match_one_to_one(&self) -> Vec<Match> {
         let truth: Vec<u32> = self.truth.keys().copied().collect();
         let predicted: Vec<u32> = self.predicted.keys().copied().collect();
@@ -178,7 +173,6 @@ impl Confusion {
 }
 
 /// Returns the mean Dice score over true labels; `None` without any.
-#[must_use]
 pub fn mean_dice(matches: &[Match]) -> Option<f64> {
     let sum: f64 = matches.iter().map(|m| m.overlap.dice()).sum();
     (!matches.is_empty()).then(|| sum / matches.len() as f64)

@@ -18,7 +18,6 @@ pub struct History {
 
 impl History {
     /// Segments without any history.
-    #[must_use]
     pub fn new(now: Segmentation) -> Self {
         Self { now, steps: Steps::default() }
     }
@@ -41,7 +40,6 @@ impl History {
     }
 
     /// The current segments.
-    #[must_use]
     pub fn now(&self) -> &Segmentation {
         &self.now
     }
@@ -78,7 +76,6 @@ impl History {
 
     /// Returns the renamings that the next `count` calls of [`History::undo`] perform, in order: the name before it,
     /// then the restored one.
-    #[must_use]
     pub fn undo_renames(&self, count: usize) -> Vec<[Name; 2]> {
         let next = self.steps.undo.iter().rev().take(count).filter_map(|s| s.renamed.clone());
         next.map(|[old, new]| [new, old]).collect()
@@ -86,13 +83,11 @@ impl History {
 
     /// Returns the renamings that the next `count` calls of [`History::redo`] perform, in order: the name before it,
     /// then the new one.
-    #[must_use]
     pub fn redo_renames(&self, count: usize) -> Vec<[Name; 2]> {
         self.steps.redo.iter().rev().take(count).filter_map(|s| s.renamed.clone()).collect()
     }
 
     /// Returns whether a state that [`History::undo`] can restore has a segment of this name.
-    #[must_use]
     pub fn had(&self, name: &str) -> bool {
         self.steps.undo.iter().flat_map(|s| &s.segments).any(|past| *past.segment.name == *name)
     }
@@ -114,13 +109,11 @@ impl History {
     }
 
     /// Changes that can be undone, the next one first.
-    #[must_use]
     pub fn undoable(&self) -> Vec<&str> {
         self.steps.undo.iter().rev().map(|s| s.change.as_str()).collect()
     }
 
     /// Changes that can be redone, the next one first.
-    #[must_use]
     pub fn redoable(&self) -> Vec<&str> {
         self.steps.redo.iter().rev().map(|s| s.change.as_str()).collect()
     }

@@ -45,7 +45,6 @@ impl Kind {
     pub const SPATIAL: [Self; 4] = [Self::Part, Self::Piece, Self::Segment, Self::Object];
 
     /// The word for it.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Similar => "similar",

@@ -118,7 +118,6 @@ fn to_opponent([r, g, b]: [f32; 3]) -> [f32; 2] {
 
 /// Returns the colour in `[0, 1]`, `[3]`, of chroma `[2]` as in [`Materials::chroma`] whose brightest channel is
 /// `brightest`.
-#[must_use]
 pub fn to_rgb(chroma: [f32; 2], brightest: f32) -> [f32; 3] {
     let (x, y) = (chroma[0] / 6f32.sqrt(), chroma[1] / 2f32.sqrt());
     let off = [2.0 * x, y - x, -x - y];
@@ -129,14 +128,12 @@ pub fn to_rgb(chroma: [f32; 2], brightest: f32) -> [f32; 3] {
 /// Maps chroma `[2]` to the plane in which distances between materials are measured: a step of hue counts more than one
 /// of chroma, since highlights, haze and translucent shells in front change chroma first; beyond the chroma `knee`, a
 /// step of chroma counts less. The angle is preserved.
-#[must_use]
 pub fn to_plane(chroma: [f32; 2], knee: f32) -> [f32; 2] {
     let root = (chroma[0].hypot(chroma[1]) + knee).sqrt();
     chroma.map(|v| v / root)
 }
 
 /// Maps the result of [`to_plane`] with the same `knee` back to chroma `[2]`.
-#[must_use]
 pub fn from_plane(plane: [f32; 2], knee: f32) -> [f32; 2] {
     let square = plane[0] * plane[0] + plane[1] * plane[1];
     let length = 0.5 * (square + (square * (square + 4.0 * knee)).sqrt());

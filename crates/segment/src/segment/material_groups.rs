@@ -63,7 +63,6 @@ impl MaterialGroups {
     }
 
     /// Returns the label of the nearest material for each of M other Gaussians, `[M]`; 0 if there is no material.
-    #[must_use]
     pub fn nearest(&self, of: &Materials) -> Vec<u32> {
         (0..of.full.len())
             .map(|i| {

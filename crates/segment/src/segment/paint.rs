@@ -16,7 +16,6 @@ const UNSEGMENTED: [f32; 3] = [0.8; 3];
 const FAINT: f64 = 0.1;
 
 /// Returns `gaussians` in `colours` `[N]` (sRGB in [0, 1]), the same from every side; to be drawn at degree 0.
-#[must_use]
 pub fn flat(gaussians: HostGaussians, colours: impl IntoIterator<Item = [f32; 3]>) -> HostGaussians {
     let sh = colours.into_iter().flat_map(|colour| colour.map(|c| (c - 0.5) / C0)).collect();
     HostGaussians { sh, sh_stride: 1, shading: None, ..gaussians }
@@ -27,7 +26,6 @@ pub fn flat(gaussians: HostGaussians, colours: impl IntoIterator<Item = [f32; 3]
 ///
 /// # Panics
 /// If a segment holds an index that is not below N.
-#[must_use]
 pub fn by_segment(mut gaussians: HostGaussians, all: &Segmentation) -> HostGaussians {
     let depths = all.depths();
     let mut order: Vec<usize> = (0..depths.len()).collect();
@@ -79,7 +77,6 @@ fn share(v: f32) -> f32 {
 }
 
 /// The nearest and the farthest depth that `picture` shows, scene units; `None` if it shows none.
-#[must_use]
 pub fn depth_range(picture: &Picture) -> Option<[f32; 2]> {
     let seen = picture.depth.iter().zip(picture.rgba.chunks_exact(4)).filter(|(_, p)| p[3] >= MIN_ALPHA);
     seen.fold(None, |range, (&d, _)| {
@@ -90,7 +87,6 @@ pub fn depth_range(picture: &Picture) -> Option<[f32; 2]> {
 
 /// The depth of `picture` as colours of a map (see [`named`]), `[H, W, 4]`: its end at `near` and nearer, its beginning
 /// at `far` and farther, scene units; `background` where next to nothing is drawn.
-#[must_use]
 pub fn depth_colours(picture: &Picture, [near, far]: [f32; 2], background: [f32; 3], map: &str) -> Vec<f32> {
     let map = named(map).unwrap_or_default();
     let pixels = picture.depth.iter().zip(picture.rgba.chunks_exact(4));

@@ -132,7 +132,6 @@ fn next_name(
 
 /// Index of the colour nearest to `rgb` (sRGB in `[0, 1]`) in CIE Lab, where the hue of dull colours counts as much as
 /// that of others; `None` if there are no colours, or `rgb` is not finite.
-#[must_use]
 pub fn nearest_colour(colours: &[[f32; 3]], rgb: [f32; 3]) -> Option<usize> {
     let lab = rgb_to_lab(rgb.map(|v| v.clamp(0.0, 1.0)));
     let known = !colours.is_empty() && rgb.iter().all(|v| v.is_finite());
@@ -182,7 +181,6 @@ fn unpack(code: u32) -> [f32; 3] {
 }
 
 /// Returns colour number `index` of a sequence in which neighbours differ strongly: the hue turns by the golden ratio.
-#[must_use]
 pub fn distinct_colour(index: usize) -> [u8; 3] {
     let hue = (index as f32 * 0.618_034 + 0.02).fract() * 6.0;
     let value = [1.0, 0.75, 0.9][index % 3];

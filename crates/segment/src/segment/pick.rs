@@ -130,7 +130,6 @@ fn words(kinds: &[Kind]) -> String {
 /// heaviest Gaussian of the segment that makes up most of the pixel, whatever the heaviest Gaussian overall belongs to;
 /// haze in no segment is ignored. If no segment holds any of them, it is the heaviest of all. Without a `majority`, it is
 /// the heaviest Gaussian in any segment.
-#[must_use]
 pub fn meant(under: &[(u32, f32)], majority: bool, segment: impl Fn(u32) -> Option<u32>) -> Option<u32> {
     if !majority {
         return heaviest(under, |i| segment(i).is_some()).or_else(|| heaviest(under, |_| true));
@@ -203,7 +202,6 @@ pub struct SagaPick {
 
 impl SagaPick {
     /// The setting at which SAGA's features are compared like those of the affinity field at a scale and a cosine.
-    #[must_use]
     pub fn like(scale: f32, cosine: f32) -> Self {
         Self { scale, threshold: 0.5 * (cosine + 1.0) }
     }
@@ -221,7 +219,6 @@ impl Default for SagaPick {
 ///
 /// # Panics
 /// If `clicked` is not one of the model's Gaussians.
-#[must_use]
 pub fn pick_saga(model: &SagaModel, clicked: u32, options: &SagaPick) -> Vec<u32> {
     let selected = model.select(clicked, options.scale, options.threshold);
     (0..).zip(selected).filter(|(_, selected)| *selected).map(|(i, _)| i).collect()

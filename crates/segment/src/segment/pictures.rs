@@ -24,7 +24,6 @@ pub struct Picture {
 ///
 /// # Panics
 /// If a member is not below N.
-#[must_use]
 pub fn share(gaussians: &HostGaussians, members: &[u32], settings: SplatSettings, device: &Device) -> Vec<f32> {
     let mut member = vec![false; gaussians.len()];
     members.iter().for_each(|&m| member[m as usize] = true);
@@ -36,7 +35,6 @@ pub fn share(gaussians: &HostGaussians, members: &[u32], settings: SplatSettings
 }
 
 /// Draws `gaussians`.
-#[must_use]
 pub fn picture(gaussians: &HostGaussians, settings: SplatSettings, device: &Device) -> Picture {
     let rgba = draw(gaussians, settings, device);
     // depth in place of colour, over nothing
@@ -52,7 +50,6 @@ pub fn picture(gaussians: &HostGaussians, settings: SplatSettings, device: &Devi
 
 /// The means of `values` `[N, 3]` over what each pixel shows, weighted like colours, `[H, W, 3]`; NaN where nothing is
 /// visible. Values that are not finite count as 0.
-#[must_use]
 pub fn mean_values(gaussians: &HostGaussians, values: &[f32], settings: SplatSettings, device: &Device) -> Vec<f32> {
     let finite = |v: f32| if v.is_finite() { v } else { 0.0 };
     let full = values.iter().map(|v| finite(*v).abs()).fold(f32::MIN_POSITIVE, f32::max);

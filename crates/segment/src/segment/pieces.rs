@@ -16,13 +16,11 @@ pub struct Touch {
 
 impl Touch {
     /// Visible Gaussians are connected.
-    #[must_use]
     pub fn seen(config: &PiecesConfig) -> Self {
         Self { reach: config.reach, min_opacity: config.min_opacity }
     }
 
     /// Gaussians are connected, whether visible or not.
-    #[must_use]
     pub fn all(config: &PiecesConfig) -> Self {
         Self { reach: config.reach, min_opacity: 0.0 }
     }

@@ -182,7 +182,6 @@ impl Segmentation {
     }
 
     /// Returns the nesting depth of each segment; 0 for a whole.
-    #[must_use]
     pub fn depths(&self) -> Vec<usize> {
         let mut depths: Vec<usize> = Vec::with_capacity(self.segments.len());
         for segment in &self.segments {
@@ -194,7 +193,6 @@ impl Segmentation {
     }
 
     /// Returns all segments with their depths, each whole followed by its parts and theirs, in order of creation.
-    #[must_use]
     pub fn tree(&self) -> Vec<(usize, &Segment)> {
         let place = |name: &Name| self.segments.iter().position(|s| s.name == **name);
         let mut parts = vec![Vec::new(); self.segments.len()];
@@ -216,7 +214,6 @@ impl Segmentation {
 
     /// Returns the segments that users made below the parts of an earlier split of `whole`: picked or grouped in one of
     /// those, or in a part of it.
-    #[must_use]
     pub fn made_below_parts(&self, whole: &str) -> Vec<&Segment> {
         let (mut below, mut made) = (Vec::new(), Vec::new());
         for segment in &self.segments {
@@ -261,7 +258,6 @@ impl Segmentation {
     }
 
     /// Returns the first of a sequence of distinct colours, RGB in [0, 1], that no segment has.
-    #[must_use]
     pub fn free_colour(&self) -> [f32; 3] {
         let colour = |k| distinct_colour(k).map(|c| f32::from(c) / 255.0);
         let is_free = |c: &[f32; 3]| self.segments.iter().all(|s| s.colour != *c);
@@ -281,7 +277,6 @@ impl Segmentation {
     }
 
     /// Returns the names of the segments that have no parts, in order.
-    #[must_use]
     pub fn leaves(&self) -> Vec<String> {
         let whole = |name: &str| self.segments.iter().any(|s| s.parent.as_deref() == Some(name));
         self.segments.iter().filter(|s| !whole(&s.name)).map(|s| s.name.to_string()).collect()
@@ -304,7 +299,6 @@ impl Segmentation {
 
 /// Returns the old and new names of the segments that were merely renamed between `before` and `after`: the old name is
 /// gone, and a new one has the same Gaussians, time and origin.
-#[must_use]
 pub fn renamed(before: &Segmentation, after: &Segmentation) -> Vec<[String; 2]> {
     let new: Vec<&Segment> = after.segments.iter().filter(|s| before.get(&s.name).is_err()).collect();
     let gone = before.segments.iter().filter(|s| after.get(&s.name).is_err());

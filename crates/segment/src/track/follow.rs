@@ -49,7 +49,6 @@ pub struct FollowOptions {
 
 impl FollowOptions {
     /// Returns the defaults for a scene whose box has this centre and these half sides, scene units.
-    #[must_use]
     pub fn within(centre: [f32; 3], half_size: [f32; 3]) -> Self {
         let grid = scene_grid(centre, half_size);
         Self { reach: REACH, min_opacity: 0.05, events: EventConfig::default(), grid, trained: Vec::new() }

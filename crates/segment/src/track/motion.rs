@@ -12,7 +12,6 @@ const REACH: f64 = 2.0;
 
 /// Returns half the width of the window, given the times with training views, any order: twice their mean distance; 0
 /// if there are fewer than two, so that only neighbouring times count.
-#[must_use]
 pub fn window(trained: &[f64]) -> f64 {
     let low = trained.iter().copied().fold(f64::INFINITY, f64::min);
     let high = trained.iter().copied().fold(f64::NEG_INFINITY, f64::max);

@@ -32,7 +32,6 @@ pub enum Unit {
 
 impl Unit {
     /// The unit in words, such as `mm^3`; `normalised` where the data name none.
-    #[must_use]
     pub fn name(self, calibration: &Calibration) -> String {
         let (length, time) = (calibration.length_unit(), calibration.time_unit());
         let part = |unit: &str| if unit.contains(' ') { format!("({unit})") } else { unit.to_owned() };
@@ -141,7 +140,6 @@ pub fn columns_csv(calibration: &Calibration) -> String {
 }
 
 /// Returns the units of the entries of `statistics.json`, in order, of those that have one.
-#[must_use]
 pub fn units(calibration: &Calibration) -> Vec<(&'static str, String)> {
     let measured = COLUMNS.iter().filter(|c| c.unit != Unit::None);
     measured.map(|c| (c.name, c.unit.name(calibration))).collect()

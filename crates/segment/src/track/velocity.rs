@@ -22,7 +22,6 @@ pub enum Component {
 
 impl Component {
     /// Returns the component of each row of `velocities` `[N, 3]`, in their unit.
-    #[must_use]
     pub fn of(self, velocities: &[f32]) -> Vec<f32> {
         let one = |v: &[f32]| match self {
             Self::X => v[0],
@@ -47,7 +46,6 @@ pub fn velocities(mut means: impl FnMut(f32) -> Vec<f32>, time: f32) -> Vec<f32>
 
 /// Returns the magnitude that only 1 % of `values` `[N]` exceed, among visible Gaussians, given the linear `opacity`
 /// `[N]`. A few that fly off do not affect it. `None` if nothing differs from 0.
-#[must_use]
 pub fn robust_size(values: &[f32], opacity: &[f32]) -> Option<f32> {
     let seen = values.iter().zip(opacity).filter(|(v, o)| v.is_finite() && **o >= MIN_OPACITY);
     let mut sizes: Vec<f32> = seen.map(|(v, _)| v.abs()).collect();

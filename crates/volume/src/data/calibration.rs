@@ -33,7 +33,6 @@ pub enum AxisConvention {
 
 impl AxisConvention {
     /// The name that NRRD uses: `left-posterior-superior` or `right-anterior-superior`.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::LeftPosteriorSuperior => "left-posterior-superior",
@@ -42,14 +41,12 @@ impl AxisConvention {
     }
 
     /// The letter of where an axis of space leads: forwards or backwards along x, y or z (0, 1, 2).
-    #[must_use]
     pub fn letter(self, axis: usize, forwards: bool) -> char {
         let ahead = forwards == (axis > 1 || self == Self::RightAnteriorSuperior);
         [['L', 'R'], ['P', 'A'], ['I', 'S']][axis][usize::from(ahead)]
     }
 
     /// A position or direction in another convention.
-    #[must_use]
     pub fn convert(self, [x, y, z]: [f64; 3], to: Self) -> [f64; 3] {
         // adding 0 makes a 0 of -0
         if self == to { [x, y, z] } else { [-x + 0.0, -y + 0.0, z] }
@@ -79,19 +76,16 @@ pub struct PhysicalSpace {
 
 impl PhysicalSpace {
     /// The physical position of a point of the scene.
-    #[must_use]
     pub fn position(&self, scene: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|a| self.centre[a] + self.scale * scene[a])
     }
 
     /// The point of the scene at a physical position.
-    #[must_use]
     pub fn to_scene(&self, position: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|a| (position[a] - self.centre[a]) / self.scale)
     }
 
     /// The unit of length in words: the data's, or `data units` where they name none.
-    #[must_use]
     pub fn unit_name(&self) -> &str {
         self.unit.as_deref().unwrap_or("data units")
     }
@@ -111,20 +105,17 @@ pub struct PhysicalTime {
 
 impl PhysicalTime {
     /// The physical time of a scene time in `[0, 1]`.
-    #[must_use]
     pub fn time(&self, scene: f64) -> f64 {
         // exact at both ends
         self.start * (1.0 - scene) + self.end * scene
     }
 
     /// The scene time of a physical time; outside `[0, 1]` before the first or after the last step.
-    #[must_use]
     pub fn to_scene(&self, time: f64) -> f64 {
         (time - self.start) / (self.end - self.start)
     }
 
     /// The unit of time in words: the data's, or `data time units` where they name none.
-    #[must_use]
     pub fn unit_name(&self) -> &str {
         self.unit.as_deref().unwrap_or("data time units")
     }
@@ -165,43 +156,36 @@ impl Calibration {
     }
 
     /// The physical position of a point of the scene, or the point itself if space is normalised.
-    #[must_use]
     pub fn position(&self, scene: [f64; 3]) -> [f64; 3] {
         self.space.as_ref().map_or(scene, |s| s.position(scene))
     }
 
     /// Length of one scene unit; 1 if space is normalised.
-    #[must_use]
     pub fn length_scale(&self) -> f64 {
         self.space.as_ref().map_or(1.0, |s| s.scale)
     }
 
     /// Duration of the scene's times from 0 to 1; 1 if time is normalised.
-    #[must_use]
     pub fn duration(&self) -> f64 {
         self.time.as_ref().map_or(1.0, |t| t.end - t.start)
     }
 
     /// The physical time of a scene time, or that time itself if it is normalised.
-    #[must_use]
     pub fn time(&self, scene: f64) -> f64 {
         self.time.as_ref().map_or(scene, |t| t.time(scene))
     }
 
     /// Factor from scene units per scene time to physical speed.
-    #[must_use]
     pub fn speed_scale(&self) -> f64 {
         self.length_scale() / self.duration()
     }
 
     /// The unit of lengths in words, [`NORMALISED`] where there is none.
-    #[must_use]
     pub fn length_unit(&self) -> &str {
         self.space.as_ref().map_or(NORMALISED, PhysicalSpace::unit_name)
     }
 
     /// The unit of speeds in words, [`NORMALISED`] where neither lengths nor times have one.
-    #[must_use]
     pub fn speed_unit(&self) -> String {
         match (&self.space, &self.time) {
             (None, None) => NORMALISED.to_owned(),
@@ -217,7 +201,6 @@ impl Calibration {
     }
 
     /// The unit of times in words, [`NORMALISED`] where there is none.
-    #[must_use]
     pub fn time_unit(&self) -> &str {
         self.time.as_ref().map_or(NORMALISED, PhysicalTime::unit_name)
     }

@@ -38,7 +38,6 @@ pub struct Camera {
 impl Camera {
     /// A camera with square pixels and the principal point at the centre; `camera_angle_x` is the whole
     /// horizontal field of view in radians.
-    #[must_use]
     pub fn from_fov_x(camera_angle_x: f64, width: u32, height: u32, camera_to_world: DMat4) -> Self {
         let (w, h) = (f64::from(width), f64::from(height));
         let focal = 0.5 * w / (0.5 * camera_angle_x).tan();
@@ -49,7 +48,6 @@ impl Camera {
     ///
     /// If `up` is parallel to the view, whichever of the world's x and y axes is less aligned with the view replaces
     /// it; `eye == target` looks along -z.
-    #[must_use]
     pub fn look_at(eye: DVec3, target: DVec3, up: DVec3, fov_x: f64, width: u32, height: u32) -> Self {
         let back = (eye - target).try_normalize().unwrap_or(DVec3::Z);
         let right = up.cross(back).try_normalize().unwrap_or_else(|| {
@@ -62,39 +60,33 @@ impl Camera {
     }
 
     /// The camera centre in world coordinates.
-    #[must_use]
     pub fn position(&self) -> DVec3 {
         self.camera_to_world.w_axis.truncate()
     }
 
     /// The unit viewing direction in world coordinates.
-    #[must_use]
     pub fn forward(&self) -> DVec3 {
         -self.camera_to_world.z_axis.truncate().normalize_or(DVec3::Z)
     }
 
     /// The whole horizontal field of view in radians.
-    #[must_use]
     pub fn fov_x(&self) -> f64 {
         2.0 * (0.5 * f64::from(self.width) / self.fx).atan()
     }
 
     /// The whole vertical field of view in radians.
-    #[must_use]
     pub fn fov_y(&self) -> f64 {
         2.0 * (0.5 * f64::from(self.height) / self.fy).atan()
     }
 
     /// The largest `|x/z|` or `|y/z|` in the picture: the tangent of half the larger field of view, or more if the principal
     /// point is off centre.
-    #[must_use]
     pub fn widest_slope(&self) -> f64 {
         let along = |size: u32, focal: f64, principal: f64| principal.max(f64::from(size) - principal) / focal;
         along(self.width, self.fx, self.cx).max(along(self.height, self.fy, self.cy))
     }
 
     /// `(R [3, 3], t [3])` with `x_camera = R * x_world + t` in OpenCV axes (x right, y down, z forward).
-    #[must_use]
     pub fn world_to_camera_opencv(&self) -> (DMat3, DVec3) {
         let m = DMat3::from_mat4(self.camera_to_world);
         let rotation = DMat3::from_cols(m.x_axis, -m.y_axis, -m.z_axis).transpose();
@@ -103,7 +95,6 @@ impl Camera {
 
     /// The continuous pixel of a world point and its depth along the optical axis (scene units); none for a
     /// point at or behind the camera plane. The pixel may lie outside the image.
-    #[must_use]
     pub fn project(&self, point: DVec3) -> Option<(DVec2, f64)> {
         let (rotation, translation) = self.world_to_camera_opencv();
         let p = rotation * point + translation;
@@ -111,7 +102,6 @@ impl Camera {
     }
 
     /// The world point that [`Camera::project`] maps to this continuous pixel and depth.
-    #[must_use]
     pub fn unproject(&self, pixel: DVec2, depth: f64) -> DVec3 {
         let (rotation, translation) = self.world_to_camera_opencv();
         let p = DVec3::new((pixel.x - self.cx) / self.fx, (pixel.y - self.cy) / self.fy, 1.0) * depth;
@@ -122,7 +112,6 @@ impl Camera {
     ///
     /// Exact where `factor` divides the size, which image loading requires; otherwise the surplus pixels at the right
     /// and bottom are cut off.
-    #[must_use]
     pub fn downscaled(&self, factor: u32) -> Self {
         let factor = factor.max(1);
         let k = f64::from(factor);
@@ -140,7 +129,6 @@ impl Camera {
 
 /// The point nearest to all optical axes in the least-squares sense, and the root-mean-square distance to them;
 /// none where the axes are (nearly) parallel or there are fewer than two.
-#[must_use]
 pub fn look_at_point<'a>(cameras: impl Iterator<Item = &'a Camera> + Clone) -> Option<(DVec3, f64)> {
     let (mut a, mut b, mut n) = (DMat3::ZERO, DVec3::ZERO, 0.0);
     for camera in cameras.clone() {

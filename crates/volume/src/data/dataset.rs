@@ -32,7 +32,6 @@ impl SplitName {
     pub const ALL: [Self; 3] = [Self::Train, Self::Val, Self::Test];
 
     /// The name in lower case, as in `transforms_<name>.json`.
-    #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Train => "train",
@@ -43,7 +42,6 @@ impl SplitName {
 
     /// The file under `root` that lists the split's views, see [`super::dataset_layout::DatasetLayout::file`]; `transforms_<name>.json` in a
     /// folder that is no dataset yet.
-    #[must_use]
     pub fn json_path(self, root: &Path) -> PathBuf {
         layout_of(root).file(root, self)
     }
@@ -90,13 +88,11 @@ pub struct Split {
 
 impl Split {
     /// The paths of the frames' images.
-    #[must_use]
     pub fn paths(&self) -> Vec<PathBuf> {
         self.frames.iter().map(|f| f.path.clone()).collect()
     }
 
     /// The times of the frames, ascending, each once.
-    #[must_use]
     pub fn times(&self) -> Vec<f64> {
         let mut times: Vec<f64> = self.frames.iter().map(|f| f.time).collect();
         times.sort_by(f64::total_cmp);
@@ -196,27 +192,23 @@ impl Dataset {
     }
 
     /// How the scene's coordinates, in which all cameras here are, follow from those of the dataset.
-    #[must_use]
     pub fn normalisation(&self) -> Normalisation {
         self.normalisation
     }
 
     /// Physical space and time of the scene, as far as the dataset gives them: as `prepare` recorded them, and the
     /// [`Normalisation`].
-    #[must_use]
     pub fn calibration(&self) -> Calibration {
         self.calibration.clone()
     }
 
     /// The splits that there are under `root`.
-    #[must_use]
     pub fn present(root: &Path) -> Vec<SplitName> {
         let layout = layout_of(root);
         SplitName::ALL.into_iter().filter(|split| layout.has(root, *split)).collect()
     }
 
     /// The split of that name, if loaded.
-    #[must_use]
     pub fn split(&self, name: SplitName) -> Option<&Split> {
         match name {
             SplitName::Train => Some(&self.train),
@@ -227,19 +219,16 @@ impl Dataset {
 
     /// 16 hexadecimal digits that identify a training set: a 64-bit FNV-1a hash of the bytes of the file of its views, the size of every training image file and the downscale factor. Independent of the
     /// other splits loaded and of the number of views.
-    #[must_use]
     pub fn fingerprint(&self) -> String {
         format!("{:016x}", self.fingerprint)
     }
 
     /// The training times, ascending, each once.
-    #[must_use]
     pub fn times(&self) -> Vec<f64> {
         self.train.times()
     }
 
     /// See [`scene_extent`].
-    #[must_use]
     pub fn scene_extent(&self) -> f64 {
         scene_extent(&self.train.frames)
     }
@@ -248,7 +237,6 @@ impl Dataset {
 /// 1.1 times the largest distance of a camera from their mean, as in 3DGS; learning rates of positions are relative to
 /// it. If all cameras are at one position, 1.1 times their distance from the origin, since nothing would move
 /// otherwise; 0 at the origin and for no frames.
-#[must_use]
 pub fn scene_extent(frames: &[Frame]) -> f64 {
     let mean = frames.iter().map(|f| f.camera.position()).sum::<DVec3>() / frames.len().max(1) as f64;
     let spread = frames.iter().map(|f| f.camera.position().distance(mean)).fold(0.0, f64::max);
@@ -296,7 +284,6 @@ pub fn read_views(
 }
 
 /// Numbers the frame that `error` names as in the file, whose frames `kept` were loaded.
-#[must_use]
 pub fn renumber(mut error: DataError, kept: &[usize]) -> DataError {
     if let DataError::Image { frame, .. } | DataError::MixedResolution { frame, .. } = &mut error {
         *frame = kept.get(*frame).copied().unwrap_or(*frame);

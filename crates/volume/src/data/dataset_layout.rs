@@ -35,14 +35,12 @@ pub trait DatasetLayout: Send + Sync {
 }
 
 /// Returns whether a layout recognises the folder.
-#[must_use]
 pub fn is_dataset(root: &Path) -> bool {
     LAYOUTS.all().iter().any(|(_, layout)| layout.recognises(root))
 }
 
 /// Returns the layout of a folder. One that no layout recognises counts as of the first, whose errors then say what was
 /// looked for.
-#[must_use]
 pub fn layout_of(root: &Path) -> &'static dyn DatasetLayout {
     let all = LAYOUTS.all();
     let found = all.iter().find(|(_, layout)| layout.recognises(root)).or(all.first());
@@ -67,7 +65,6 @@ impl SplitName {
 }
 
 /// Returns what a dataset folder may hold, in words: the files of each layout.
-#[must_use]
 pub fn looked_for() -> String {
     LAYOUTS.all().iter().map(|(_, layout)| layout.holds()).collect::<Vec<_>>().join(", or ")
 }

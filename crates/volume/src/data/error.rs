@@ -146,7 +146,6 @@ impl DataError {
     }
 
     /// The error of a value in a field of a JSON file, of frame `frame` if it is in one.
-    #[must_use]
     pub fn field_error(
         path: &Path,
         frame: Option<usize>,

@@ -30,31 +30,26 @@ pub struct Aabb {
 
 impl Aabb {
     /// The cube around `centre` of half-side `half`.
-    #[must_use]
     pub fn cube(centre: DVec3, half: f64) -> Self {
         Self { min: centre - DVec3::splat(half), max: centre + DVec3::splat(half) }
     }
 
     /// The three side lengths.
-    #[must_use]
     pub fn size(&self) -> DVec3 {
         self.max - self.min
     }
 
     /// The centre.
-    #[must_use]
     pub fn centre(&self) -> DVec3 {
         0.5 * (self.min + self.max)
     }
 
     /// The box with `fraction` of its size added on every side.
-    #[must_use]
     pub fn grown(&self, fraction: f64) -> Self {
         Self { min: self.min - fraction * self.size(), max: self.max + fraction * self.size() }
     }
 
     /// Whether the box holds the point (its faces included).
-    #[must_use]
     pub fn contains(&self, p: DVec3) -> bool {
         p.cmpge(self.min).all() && p.cmple(self.max).all()
     }
@@ -122,14 +117,12 @@ pub fn bounds(split: &Split) -> Result<Aabb, DataError> {
 
 /// `n` points `[n, 3]`, uniform in the part of `bounds` that is in the hull of at least one time, or in all of `bounds`
 /// if that part is empty. The same for the same `seed`, whatever the number of threads.
-#[must_use]
 pub fn sample(split: &Split, bounds: Aabb, n: usize, seed: u64) -> Vec<[f32; 3]> {
     sample_in(&Masks::new(split, 0.0), bounds, n, seed).into_iter().map(|(p, _)| p.as_vec3().to_array()).collect()
 }
 
 /// Like [`sample`], with the straight RGB `[n, 3]` in [0, 1] seen at each point: the mean, weighted by alpha, over the
 /// views of one time whose hull holds it; mid-grey where no view shows it.
-#[must_use]
 pub fn sample_coloured(split: &Split, bounds: Aabb, n: usize, seed: u64) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
     let masks = Masks::new(split, 0.0);
     sample_in(&masks, bounds, n, seed)
@@ -168,7 +161,6 @@ fn sample_in(masks: &Masks<'_>, bounds: Aabb, n: usize, seed: u64) -> Vec<(DVec3
 
 /// Where the cameras look: the cube around the point nearest to all optical axes, as wide as the widest view there.
 /// Where the axes do not meet, the cube in front of the mean camera at twice the cameras' spread.
-#[must_use]
 pub fn view_box(split: &Split) -> Aabb {
     let cameras = || split.frames.iter().map(|f| &f.camera);
     let n = split.frames.len().max(1) as f64;

@@ -63,13 +63,11 @@ impl ImageSet {
     }
 
     /// Number of images.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.pixels.len() / self.frame_len().max(1)
     }
 
     /// Whether there are no images.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.pixels.is_empty()
     }
@@ -82,7 +80,6 @@ impl ImageSet {
     ///
     /// # Panics
     /// If `frame` is not below `len()`.
-    #[must_use]
     pub fn frame(&self, frame: usize) -> &[u8] {
         let n = self.frame_len();
         &self.pixels[frame * n..(frame + 1) * n]
@@ -124,7 +121,6 @@ impl ImageSet {
     ///
     /// # Panics
     /// If `frame` is not below `len()`.
-    #[must_use]
     pub fn composite_with_alpha(&self, frame: usize, background: [f32; 3]) -> Vec<f32> {
         const PIECE: usize = 4 * 16_384;
         let image = self.frame(frame);
@@ -141,7 +137,6 @@ impl ImageSet {
     ///
     /// # Panics
     /// If there is no such image or pixel.
-    #[must_use]
     pub fn pixel(&self, frame: usize, at: usize, background: [f32; 3]) -> [f32; 3] {
         let [r, g, b, _] = over(&self.frame(frame)[4 * at..4 * at + 4], background);
         [r, g, b]

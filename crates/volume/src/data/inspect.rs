@@ -86,7 +86,6 @@ pub struct Report {
 
 impl Report {
     /// Whether all checks passed.
-    #[must_use]
     pub fn ok(&self) -> bool {
         self.checks.iter().all(|c| c.ok)
     }
@@ -104,7 +103,6 @@ impl Report {
 }
 
 /// Checks the dataset folder `root`: JSON, images, times, lens and poses of every split.
-#[must_use]
 pub fn inspect(root: &Path) -> Report {
     let mut report = Report { root: root.to_owned(), ..Report::default() };
     let (layout, present) = (layout_of(root), Dataset::present(root));

@@ -28,7 +28,6 @@ struct Panel {
 
 /// Draws the cameras of `frames` and the box of the data, from above (x right, y up) and from the front (x right, z
 /// up), both at the same scale; 1376 x 760 pixels. Dots and small frusta are coloured by time.
-#[must_use]
 pub fn layout_picture(frames: &[Frame], bounds: &Aabb) -> RgbImage {
     let (width, height) = (2 * PANEL + 3 * MARGIN, HEADER + PANEL + FOOTER);
     let mut canvas = Canvas(RgbImage::from_pixel(width, height, Rgb(PAPER)));

@@ -31,7 +31,6 @@ pub struct Turn {
 /// splits between the two: backwards in time these include what has merged into them; forwards, what splits off them.
 /// Segments that vanish or appear between the two times count as loss and growth, as at any border. `None` where `ids`
 /// are part of something larger at time `to`, in which no id distinguishes their part.
-#[must_use]
 pub fn ids_at(turns: &[Turn], ids: &[u16], from: f64, to: f64) -> Option<Vec<u16>> {
     let (low, high) = (from.min(to), from.max(to));
     let mut between: Vec<&Turn> = turns.iter().filter(|t| low < t.time && t.time <= high).collect();

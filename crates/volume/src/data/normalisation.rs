@@ -55,13 +55,11 @@ impl Normalisation {
     pub const NONE: Self = Self { centre: DVec3::ZERO, scale: 1.0 };
 
     /// Whether scene coordinates are those of the dataset.
-    #[must_use]
     pub fn is_none(&self) -> bool {
         *self == Self::NONE
     }
 
     /// The normalisation of a dataset with these camera-to-world poses, see the module.
-    #[must_use]
     pub fn from_poses(poses: impl ExactSizeIterator<Item = DMat4> + Clone) -> Self {
         let n = poses.len().max(1) as f64;
         let positions = poses.clone().map(|pose| pose.w_axis.truncate());
@@ -101,26 +99,22 @@ impl Normalisation {
     }
 
     /// The point of the scene at a position of the dataset.
-    #[must_use]
     pub fn to_scene(&self, position: DVec3) -> DVec3 {
         (position - self.centre) / self.scale
     }
 
     /// The position in the dataset of a point of the scene.
-    #[must_use]
     pub fn to_dataset(&self, scene: DVec3) -> DVec3 {
         self.centre + self.scale * scene
     }
 
     /// The camera-to-world pose in the scene.
-    #[must_use]
     pub fn pose(&self, camera_to_world: DMat4) -> DMat4 {
         let DMat4 { x_axis, y_axis, z_axis, w_axis } = camera_to_world;
         DMat4 { x_axis, y_axis, z_axis, w_axis: self.to_scene(w_axis.truncate()).extend(w_axis.w) }
     }
 
     /// Physical space and time of the scene, from those of the dataset's coordinates.
-    #[must_use]
     pub fn calibration(&self, dataset: Calibration) -> Calibration {
         if self.is_none() {
             return dataset;

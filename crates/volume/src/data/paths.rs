@@ -27,7 +27,6 @@ pub struct Sphere {
 
 impl Sphere {
     /// The sphere around `centre` on which `camera` lies.
-    #[must_use]
     pub fn through(camera: &Camera, centre: DVec3) -> Self {
         Self { centre, radius: camera.position().distance(centre) }
     }
@@ -63,7 +62,6 @@ impl Lens {
 ///
 /// With `g = (3 - sqrt 5) pi` and `h_i` evenly spaced from `1/n - 1` to `1 - 1/n`, point i is
 /// `radius * (-s cos(g i), h_i, s sin(g i))`, `s = sqrt(1 - h_i^2)`; then sorted by z.
-#[must_use]
 pub fn fibonacci(n: usize, radius: f64) -> Vec<DVec3> {
     let golden = (3.0 - 5f64.sqrt()) * PI;
     let mut points: Vec<DVec3> = (0..n)
@@ -79,7 +77,6 @@ pub fn fibonacci(n: usize, radius: f64) -> Vec<DVec3> {
 }
 
 /// The `n` training cameras of a Fibonacci sphere.
-#[must_use]
 pub fn training_cameras(n: usize, sphere: impl Into<Sphere>, lens: Lens) -> Vec<Camera> {
     let sphere = sphere.into();
     fibonacci(n, sphere.radius).into_iter().map(|offset| lens.at(sphere, offset)).collect()
@@ -98,7 +95,6 @@ pub enum Axis {
 
 impl Axis {
     /// Returns its name.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::X => "x",
@@ -123,7 +119,6 @@ impl std::str::FromStr for Axis {
 
 /// `n` cameras that look along `axis` or against it, within `angle` (radians) of it: on two caps of the sphere, each
 /// covered evenly. These are the view sets biased along one axis of the paper's last table, which gives no angle.
-#[must_use]
 pub fn biased(n: usize, sphere: impl Into<Sphere>, axis: Axis, angle: f64, lens: Lens) -> Vec<Camera> {
     let sphere = sphere.into();
     let golden = (3.0 - 5f64.sqrt()) * PI;
@@ -146,7 +141,6 @@ pub fn biased(n: usize, sphere: impl Into<Sphere>, axis: Axis, angle: f64, lens:
 }
 
 /// `count` time indices evenly spread over `0..total`, rounded down: 30 of 100 give 0, 3, 6, 10, 13, ... 99.
-#[must_use]
 pub fn time_indices(count: usize, total: usize) -> Vec<usize> {
     let last = total.saturating_sub(1);
     (0..count).map(|i| if count < 2 { 0 } else { i * last / (count - 1) }).collect()
@@ -154,7 +148,6 @@ pub fn time_indices(count: usize, total: usize) -> Vec<usize> {
 
 /// Assigns `views_per_time` views to each of `times` at random: entry i is the index in the list of times that view i
 /// shows, `[times * views_per_time]`.
-#[must_use]
 pub fn deal_times(times: usize, views_per_time: usize, seed: u64) -> Vec<usize> {
     let mut deal: Vec<usize> = (0..times * views_per_time).map(|i| i % times).collect();
     Rng::new(seed, 0, Purpose::ViewTimes).shuffle(&mut deal);
@@ -163,7 +156,6 @@ pub fn deal_times(times: usize, views_per_time: usize, seed: u64) -> Vec<usize> 
 
 /// The test path, `views` cameras each with its time in [0, 1]: elevation rises from -90 to 90 degrees while the
 /// azimuth turns once from -90 degrees, and the time steps through `timesteps` (181 and 100 as published).
-#[must_use]
 pub fn test_spiral(views: usize, timesteps: usize, sphere: impl Into<Sphere>, lens: Lens) -> Vec<(Camera, f64)> {
     let sphere = sphere.into();
     let (last, last_time) = (views.saturating_sub(1).max(1), timesteps.saturating_sub(1));
@@ -180,7 +172,6 @@ pub fn test_spiral(views: usize, timesteps: usize, sphere: impl Into<Sphere>, le
 
 /// `n` cameras on a level circle at `elevation` (radians above the xy plane), starting at azimuth -90 degrees;
 /// the circle closes, so the last camera stands one step before the first.
-#[must_use]
 pub fn orbit(n: usize, sphere: impl Into<Sphere>, elevation: f64, lens: Lens) -> Vec<Camera> {
     let sphere = sphere.into();
     let elevation = elevation.clamp(POLE_GAP - FRAC_PI_2, FRAC_PI_2 - POLE_GAP);

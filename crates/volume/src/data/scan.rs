@@ -35,7 +35,6 @@ pub struct Scan {
 }
 
 /// Reads `text`; `path` is used in messages only. Never panics and never stops at the first problem.
-#[must_use]
 pub fn scan(path: &Path, text: &str) -> Scan {
     let mut out = Scan::default();
     match parse_lenient(path, text) {

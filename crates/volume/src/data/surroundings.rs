@@ -20,14 +20,12 @@ pub struct Surroundings {
 
 impl Surroundings {
     /// Those of a dataset whose first training camera is `camera`, around a scene with this `centre`.
-    #[must_use]
     pub fn new(camera: &Camera, centre: DVec3) -> Self {
         let lens = Lens { fov_x: camera.fov_x(), width: camera.width, height: camera.height };
         Self { lens, sphere: Sphere::through(camera, centre) }
     }
 
     /// The side of a pixel at the scene's centre, scene units.
-    #[must_use]
     pub fn pixel(&self) -> f64 {
         2.0 * self.sphere.radius * (0.5 * self.lens.fov_x).tan() / f64::from(self.lens.width)
     }
@@ -42,7 +40,6 @@ impl Surroundings {
     }
 
     /// `frames` cameras on a circle around the scene, a little above its equator.
-    #[must_use]
     pub fn orbit(&self, frames: usize) -> Vec<Camera> {
         orbit(frames, self.sphere, ELEVATION, self.lens)
     }

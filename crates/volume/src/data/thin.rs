@@ -6,7 +6,6 @@ use super::paths::time_indices;
 
 /// Keeps `times` of the split's times, evenly spread, and `views` views of each, chosen one by one as far as possible
 /// from those chosen before; 0 keeps all. The order is preserved.
-#[must_use]
 pub fn thinned(split: Split, times: usize, views: usize) -> Split {
     let all = split.times();
     let times = if times == 0 { all.len() } else { times.min(all.len()) };
@@ -22,21 +21,18 @@ pub fn thinned(split: Split, times: usize, views: usize) -> Split {
 
 /// Returns the times of `all` (ascending) nearest to each of `wanted`, in the order of `wanted`; the earlier of two
 /// that are equally near.
-#[must_use]
 pub fn nearest_times(all: &[f64], wanted: &[f64]) -> Vec<f64> {
     let nearest = |w: &f64| all.iter().copied().min_by(|a, b| (a - w).abs().total_cmp(&(b - w).abs()));
     wanted.iter().filter_map(nearest).collect()
 }
 
 /// Keeps the views at `times`, which are times of the split. The order is preserved.
-#[must_use]
 pub fn at_times(split: Split, times: &[f64]) -> Split {
     let kept: Vec<usize> = (0..split.frames.len()).filter(|&i| times.contains(&split.frames[i].time)).collect();
     only(split, &kept)
 }
 
 /// Keeps at most `count` views, evenly spaced over the split.
-#[must_use]
 pub fn evenly(split: Split, count: usize) -> Split {
     let total = split.frames.len();
     let kept: Vec<usize> = (0..count.min(total)).map(|i| i * total / count.min(total)).collect();

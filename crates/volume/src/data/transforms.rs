@@ -55,7 +55,6 @@ impl Intrinsics {
 
     /// The camera of a `width` x `height` image at `camera_to_world`; values in pixels of `w` x `h` are scaled
     /// to that size.
-    #[must_use]
     pub fn camera(&self, width: u32, height: u32, camera_to_world: DMat4) -> Camera {
         let angle = self.camera_angle_x.unwrap_or(std::f64::consts::FRAC_PI_2);
         let mut camera = Camera::from_fov_x(angle, width, height, camera_to_world);
@@ -90,7 +89,6 @@ pub struct FrameRecord {
 impl FrameRecord {
     /// The image file under `root`. A path without the extension of an image gets that of the file that is there: the
     /// first of `.png`, `.jpg` and `.jpeg`, in lower or upper case; `.png` if there is none.
-    #[must_use]
     pub fn image_path(&self, root: &Path) -> PathBuf {
         let relative = self.file_path.strip_prefix("./").unwrap_or(&self.file_path);
         if without_extension(relative).is_some() {
@@ -103,7 +101,6 @@ impl FrameRecord {
     }
 
     /// A short name: the file name without folder and the extension of an image.
-    #[must_use]
     pub fn name(&self) -> String {
         let name = self.file_path.rsplit('/').next().unwrap_or(&self.file_path);
         without_extension(name).unwrap_or(name).to_owned()
@@ -205,7 +202,6 @@ impl Transforms {
     }
 
     /// The normalisation of a dataset with these training views, see [`Normalisation::from_poses`].
-    #[must_use]
     pub fn normalisation(&self) -> Normalisation {
         Normalisation::from_poses(self.frames.iter().map(|f| f.camera_to_world))
     }
@@ -229,7 +225,6 @@ impl Transforms {
     }
 
     /// The JSON text, which reads back to bit-identical values.
-    #[must_use]
     pub fn to_json(&self) -> String {
         let frames: Vec<Value> = self
             .frames

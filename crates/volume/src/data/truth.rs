@@ -157,13 +157,11 @@ impl Truth {
     }
 
     /// The ids that hold at time `to` the material of the segments `ids` at time `from`, see [`ids_at`].
-    #[must_use]
     pub fn ids_at(&self, ids: &[u16], from: f64, to: f64) -> Option<Vec<u16>> {
         ids_at(&self.file.lineage, ids, from, to)
     }
 
     /// Whether any picture at `time` shows one of the segments `ids`.
-    #[must_use]
     pub fn is_pictured(&self, ids: &[u16], time: f64) -> bool {
         let own = self.file.segments.iter().filter(|s| ids.contains(&s.id));
         own.flat_map(|s| &s.frames).any(|f| (f.time - time).abs() <= SAME_TIME && f.pixels > 0)

@@ -47,7 +47,6 @@ struct Header {
 
 impl Truth {
     /// The times in [0, 1] that have a volume, ascending; empty if there is none.
-    #[must_use]
     pub fn volume_times(&self) -> Vec<f64> {
         let mut times: Vec<f64> = self.file.volumes.iter().map(|v| v.time).collect();
         times.sort_by(f64::total_cmp);
@@ -79,7 +78,6 @@ const AGAIN: &str = "make the dataset again with `volseggs prepare`";
 
 impl TruthVolume {
     /// Centre of the cell `index` (x, y, z), scene units.
-    #[must_use]
     pub fn centre(&self, index: [usize; 3]) -> [f64; 3] {
         std::array::from_fn(|a| self.origin[a] + self.spacing[a] * index[a] as f64)
     }
@@ -105,7 +103,6 @@ impl TruthVolume {
     }
 
     /// Whether a file's header says that [`Self::write`] wrote it; it may be damaged even so.
-    #[must_use]
     pub fn is_one(path: &Path) -> bool {
         tensors::header_entry(path, ENTRY).is_some()
     }

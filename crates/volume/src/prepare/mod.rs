@@ -209,7 +209,6 @@ struct Job {
 }
 
 /// Number of images that [`prepare`] will make, without segments.
-#[must_use]
 pub fn image_count(source: &Source, options: &PrepareOptions) -> usize {
     let times = match &options.views.times {
         views::Times::Count(n) => source.len().min(*n),

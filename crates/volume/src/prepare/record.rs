@@ -100,13 +100,11 @@ pub struct RecordError {
 
 impl PrepareRecord {
     /// The grid of the volumes.
-    #[must_use]
     pub fn grid(&self) -> Grid {
         Grid { dims: self.dims, spacing: self.spacing, origin: self.origin, directions: self.directions }
     }
 
     /// Where the voxels of the volumes are in the scene.
-    #[must_use]
     pub fn placement(&self) -> Placement {
         Placement::new(&self.grid(), self.side)
     }

@@ -84,7 +84,6 @@ impl FileLabels {
 
 impl Source {
     /// Number of steps.
-    #[must_use]
     pub fn len(&self) -> usize {
         match self {
             Self::Files { series, .. } => series.len(),
@@ -93,13 +92,11 @@ impl Source {
     }
 
     /// True if there are no steps.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     /// The volume files, in order of time, without labels.
-    #[must_use]
     pub fn volumes(&self) -> &[PathBuf] {
         match self {
             Self::Files { series, .. } => series.files(),
@@ -108,7 +105,6 @@ impl Source {
     }
 
     /// The files that are read.
-    #[must_use]
     pub fn files(&self) -> Vec<&Path> {
         match self {
             Self::Files { series, labels, .. } => {
@@ -119,7 +115,6 @@ impl Source {
     }
 
     /// Time of a step, in [0, 1].
-    #[must_use]
     pub fn time(&self, step: usize) -> f64 {
         match self {
             Self::Files { series, .. } => series.time(step),
@@ -128,7 +123,6 @@ impl Source {
     }
 
     /// The time of each step as the files or the user give it; `None` where it is unknown.
-    #[must_use]
     pub fn time_values(&self) -> Option<&[f64]> {
         match self {
             Self::Files { series, .. } => series.time_values(),
@@ -137,7 +131,6 @@ impl Source {
     }
 
     /// Physical space and time of the scene in which the volumes are placed; none of a synthetic scene.
-    #[must_use]
     pub fn calibration(&self, placement: &Placement) -> Calibration {
         let Self::Files { series, .. } = self else { return Calibration::default() };
         let unit = || series.time_unit().map(str::to_owned);
@@ -149,7 +142,6 @@ impl Source {
     }
 
     /// The grid of every step.
-    #[must_use]
     pub fn grid(&self) -> Grid {
         match self {
             Self::Files { series, .. } => *series.grid(),
@@ -170,7 +162,6 @@ impl Source {
 
     /// The source of each voxel's segment, as named in `segments.json`: `labels` or `components`; `None` if there is
     /// none.
-    #[must_use]
     pub fn label_kind(&self) -> Option<&'static str> {
         match self {
             Self::Files { labels, .. } => labels.kind(),
@@ -179,13 +170,11 @@ impl Source {
     }
 
     /// Whether segments are known: from labels, or from the ranges of `transfer`.
-    #[must_use]
     pub fn has_segments(&self, transfer: &TransferFunction) -> bool {
         self.label_kind().is_some() || !transfer.segments.is_empty()
     }
 
     /// The ends and beginnings of connected parts, by time; empty for segments that are given.
-    #[must_use]
     pub fn lineage(&self) -> Vec<Turn> {
         let Self::Files { labels: FileLabels::Parts(parts), .. } = self else { return Vec::new() };
         let change = |ends| if ends { Change::Ended } else { Change::Began };
@@ -195,7 +184,6 @@ impl Source {
     }
 
     /// The name of a segment id (from 1).
-    #[must_use]
     pub fn segment_name(&self, id: u16) -> String {
         let given = match self {
             Self::Files { labels: FileLabels::Files { names, .. }, .. } => {
@@ -227,7 +215,6 @@ impl Source {
     }
 
     /// A description for the record and the terminal.
-    #[must_use]
     pub fn describe(&self) -> String {
         let [x, y, z] = self.grid().dims;
         let of = |series: &Series| series.variable().map_or_else(String::new, |name| format!("{name}, "));

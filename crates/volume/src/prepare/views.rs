@@ -58,7 +58,6 @@ pub struct View {
 }
 
 /// The training views of a series of `steps` steps: a spherical Fibonacci set, assigned to the sampled steps.
-#[must_use]
 pub fn training_views(options: &ViewOptions, steps: usize) -> Vec<View> {
     let sampled = match &options.times {
         Times::Count(n) => time_indices((*n).min(steps), steps),
@@ -75,7 +74,6 @@ pub fn training_views(options: &ViewOptions, steps: usize) -> Vec<View> {
 }
 
 /// The test views: the spiral from pole to pole while time runs through all steps.
-#[must_use]
 pub fn test_views(options: &ViewOptions, steps: usize) -> Vec<View> {
     let last = steps.saturating_sub(1) as f64;
     test_spiral(options.test_views, steps, options.radius, options.lens())

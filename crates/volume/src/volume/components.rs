@@ -218,25 +218,21 @@ impl Parts {
     }
 
     /// Number of ids over all steps; they run from 1 to this.
-    #[must_use]
     pub fn count(&self) -> u16 {
         self.count
     }
 
     /// The ends and beginnings after the first step, by step.
-    #[must_use]
     pub fn changes(&self) -> &[PartChange] {
         &self.changes
     }
 
     /// Which voxels form parts.
-    #[must_use]
     pub fn options(&self) -> PartOptions {
         self.options
     }
 
     /// The labels of a tracked step, from its values; a step beyond the last has none.
-    #[must_use]
     pub fn labels(&self, step: usize, volume: &Volume) -> Labels {
         let ids = self.ids.get(step).map_or(&[][..], Vec::as_slice);
         let (numbers, _) = parts_of(&volume.values, volume.grid.dims, self.options);
@@ -246,7 +242,6 @@ impl Parts {
 }
 
 /// The name of a part: `part-1` and so on.
-#[must_use]
 pub fn part_name(id: u16) -> String {
     format!("part-{id}")
 }

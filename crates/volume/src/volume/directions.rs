@@ -47,26 +47,22 @@ impl Directions {
     }
 
     /// The unit vector of an index axis.
-    #[must_use]
     pub fn axis(&self, axis: usize) -> DVec3 {
         DVec3::from_array(self.0[axis])
     }
 
     /// The unit vectors as columns.
-    #[must_use]
     pub fn matrix(&self) -> DMat3 {
         DMat3::from_cols_array_2d(&self.0)
     }
 
     /// Whether the index axes are exactly those of space.
-    #[must_use]
     pub fn is_aligned(&self) -> bool {
         *self == Self::ALIGNED
     }
 
     /// The nearest orthogonal matrix with the unit vectors as columns, which is a permutation with signs if they lie
     /// along the axes of space; `None` if it is the identity, so that nothing needs to be multiplied.
-    #[must_use]
     pub fn turn(&self) -> Option<DMat3> {
         let rounded = self.0.map(|unit| unit.map(|v| v.round() + 0.0));
         let off = self.0.iter().flatten().zip(rounded.iter().flatten()).map(|(v, r)| (v - r).abs());
@@ -88,14 +84,12 @@ impl Directions {
     }
 
     /// Whether these are the directions of `other` to `tolerance` in each component.
-    #[must_use]
     pub fn agree(&self, other: &Self, tolerance: f64) -> bool {
         self.0.iter().flatten().zip(other.0.iter().flatten()).all(|(a, b)| (a - b).abs() <= tolerance)
     }
 
     /// The directions in letters: where the index axes lead, such as `RAS` or `LPS`, or `+x-y+z` where the axes of space
     /// have no anatomical meaning; with the largest angle to them if they lie obliquely.
-    #[must_use]
     pub fn code(&self, axes: Option<AxisConvention>) -> String {
         let mut code = String::new();
         let mut cosine = 1.0f64;

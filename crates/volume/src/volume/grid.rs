@@ -20,43 +20,36 @@ pub struct Grid {
 
 impl Grid {
     /// A grid whose index axes are those of physical space.
-    #[must_use]
     pub const fn aligned(dims: [usize; 3], spacing: [f64; 3], origin: [f64; 3]) -> Self {
         Self { dims, spacing, origin, directions: Directions::ALIGNED }
     }
 
     /// A grid of unit spacing at the origin.
-    #[must_use]
     pub fn unit(dims: [usize; 3]) -> Self {
         Self::aligned(dims, [1.0; 3], [0.0; 3])
     }
 
     /// Whether positions are voxel indices, as in files that say nothing of space.
-    #[must_use]
     pub fn is_unit(&self) -> bool {
         *self == Self::unit(self.dims)
     }
 
     /// The vectors from a voxel to the next along the index axes, as columns.
-    #[must_use]
     pub fn steps(&self) -> DMat3 {
         self.directions.matrix() * DMat3::from_diagonal(DVec3::from_array(self.spacing))
     }
 
     /// The physical position of voxel coordinates, in which voxel `i` has its centre at `i`.
-    #[must_use]
     pub fn position(&self, index: DVec3) -> DVec3 {
         DVec3::from_array(self.origin) + self.steps() * index
     }
 
     /// The voxel coordinates of a physical position.
-    #[must_use]
     pub fn index(&self, position: DVec3) -> DVec3 {
         self.steps().inverse() * (position - DVec3::from_array(self.origin))
     }
 
     /// The physical position of the middle of the box between the outermost voxel centres.
-    #[must_use]
     pub fn centre(&self) -> DVec3 {
         DVec3::from_array(self.origin) + self.directions.matrix() * (0.5 * DVec3::from_array(self.size()))
     }
@@ -69,19 +62,16 @@ impl Grid {
     }
 
     /// Number of voxels.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.dims.iter().product()
     }
 
     /// True if an axis has no voxel.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     /// Distance between the first and the last voxel centre along the index axes.
-    #[must_use]
     pub fn size(&self) -> [f64; 3] {
         std::array::from_fn(|a| self.dims[a].saturating_sub(1) as f64 * self.spacing[a])
     }
@@ -149,7 +139,6 @@ pub enum ScalarType {
 
 impl ScalarType {
     /// Bytes of one value.
-    #[must_use]
     pub fn bytes(self) -> usize {
         match self {
             Self::U8 | Self::I8 => 1,
@@ -160,25 +149,21 @@ impl ScalarType {
     }
 
     /// Whether its values are whole numbers.
-    #[must_use]
     pub fn is_whole(self) -> bool {
         !matches!(self, Self::F16 | Self::F32 | Self::F64)
     }
 
     /// Whether some of its values have more digits than single precision holds.
-    #[must_use]
     pub fn is_wide(self) -> bool {
         self.bytes() == 8 || matches!(self, Self::U32 | Self::I32)
     }
 
     /// The name in sidecars and messages: `u8`, `i16`, `f32`, ...
-    #[must_use]
     pub fn name(self) -> &'static str {
         SCALAR_NAMES[self as usize].1
     }
 
     /// The type of a name: that of [`ScalarType::name`], or another that files use, such as `unsigned char` or `float`.
-    #[must_use]
     pub fn of_name(name: &str) -> Option<Self> {
         let known = SCALAR_NAMES.iter().find(|(_, own, others)| *own == name || others.contains(&name));
         known.map(|(scalar, ..)| *scalar)

@@ -63,7 +63,6 @@ impl Frame {
 /// grey, the opacity per unit length as a line with its control points over an area in the colours, a colour bar, the
 /// axis in data values and the segments as brackets. The area and the lower half of the bar show the material ten unit
 /// lengths thick on a checkerboard. The axis covers the data values `span` and the range of the function.
-#[must_use]
 pub fn transfer_picture(
     histogram: &[u64],
     range: [f64; 2],

@@ -8,7 +8,6 @@ use crate::data::paths::RADIUS;
 use glam::{DMat3, DVec3};
 
 /// Length of the longest side that fills half the frame of the published cameras: `RADIUS * tan(15 degrees)`.
-#[must_use]
 pub fn published_side() -> f64 {
     RADIUS * (15f64.to_radians()).tan()
 }
@@ -32,7 +31,6 @@ pub struct Placement {
 
 impl Placement {
     /// Centres the grid at the origin and scales its longest side to `side` scene units.
-    #[must_use]
     pub fn new(grid: &Grid, side: f64) -> Self {
         let size = DVec3::from_array(grid.size());
         let scale = side / size.max_element();
@@ -48,50 +46,42 @@ impl Placement {
 
     /// The axes of the box in the scene as columns of an orthogonal matrix, which may mirror; `None` if they are those
     /// of the scene.
-    #[must_use]
     pub fn turn(&self) -> Option<DMat3> {
         self.turn
     }
 
     /// A point or direction of the scene along the axes of the box.
-    #[must_use]
     pub fn to_box(&self, scene: DVec3) -> DVec3 {
         self.turn.map_or(scene, |turn| turn.transpose() * scene)
     }
 
     /// The voxel coordinates of a point in the scene.
-    #[must_use]
     pub fn to_voxel(&self, scene: DVec3) -> DVec3 {
         self.box_to_voxel(self.to_box(scene))
     }
 
     /// The voxel coordinates of a point given along the axes of the box.
-    #[must_use]
     pub fn box_to_voxel(&self, point: DVec3) -> DVec3 {
         (point + self.half) * self.voxels_per_unit
     }
 
     /// The point in the scene of voxel coordinates.
-    #[must_use]
     pub fn to_scene(&self, voxel: DVec3) -> DVec3 {
         let point = voxel * self.spacing() - self.half;
         self.turn.map_or(point, |turn| turn * point)
     }
 
     /// Distance between neighbouring voxels along the axes of the box, scene units.
-    #[must_use]
     pub fn spacing(&self) -> DVec3 {
         self.voxels_per_unit.recip()
     }
 
     /// Length of the longest side, scene units.
-    #[must_use]
     pub fn side(&self) -> f64 {
         2.0 * self.half.max_element()
     }
 
     /// The smallest box along the axes of the scene that encloses the volume.
-    #[must_use]
     pub fn bounds(&self) -> Aabb {
         let half = self.turn.map_or(self.half, |turn| {
             let [x, y, z] = [turn.x_axis, turn.y_axis, turn.z_axis].map(DVec3::abs);
@@ -101,7 +91,6 @@ impl Placement {
     }
 
     /// Physical space of the scene, given what the grid is in.
-    #[must_use]
     pub fn space(&self, physical: &Physical) -> PhysicalSpace {
         let (centre, unit) = (self.centre.to_array(), physical.length_unit.clone());
         PhysicalSpace { centre, scale: self.scale, unit, axes: physical.axes }
@@ -109,7 +98,6 @@ impl Placement {
 
     /// Where a ray enters and leaves the box, as multiples of `direction`; none if it misses. Never before the eye. Both
     /// vectors are along the axes of the box, see [`Placement::to_box`].
-    #[must_use]
     pub fn clip(&self, eye: DVec3, direction: DVec3) -> Option<(f64, f64)> {
         let (mut near, mut far) = (0.0f64, f64::INFINITY);
         for a in 0..3 {

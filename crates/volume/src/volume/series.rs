@@ -129,50 +129,42 @@ impl Series {
     }
 
     /// The files, in order of time.
-    #[must_use]
     pub fn files(&self) -> &[PathBuf] {
         &self.files
     }
 
     /// Number of steps, at least 1.
-    #[must_use]
     #[expect(clippy::len_without_is_empty, reason = "a series is never empty")]
     pub fn len(&self) -> usize {
         self.times.scene.len()
     }
 
     /// The grid of every step.
-    #[must_use]
     pub fn grid(&self) -> &Grid {
         &self.header.grid
     }
 
     /// What the grid is in.
-    #[must_use]
     pub fn physical(&self) -> &Physical {
         &self.header.physical
     }
 
     /// The time of each step, ascending, in the unit of [`Series::time_unit`]; `None` where it is unknown.
-    #[must_use]
     pub fn time_values(&self) -> Option<&[f64]> {
         self.times.values.as_deref()
     }
 
     /// The unit of time, if it is named.
-    #[must_use]
     pub fn time_unit(&self) -> Option<&str> {
         self.times.unit.as_deref()
     }
 
     /// How the first file stores values.
-    #[must_use]
     pub fn scalar(&self) -> ScalarType {
         self.header.scalar
     }
 
     /// Name of the array that is read, in formats whose files hold several.
-    #[must_use]
     pub fn variable(&self) -> Option<&str> {
         self.variable.as_deref()
     }
@@ -187,13 +179,11 @@ impl Series {
 
     /// What the conversion of all steps to single precision loses, for users, where that matters: whole numbers are no
     /// longer exact, or the field has few different values. `None` until [`Series::scan`] has read them.
-    #[must_use]
     pub fn rounding(&self) -> Option<String> {
         rounding::lost(self.wide?, self.scan.get()?.range?)
     }
 
     /// The display name of a step: the file name, with `[k]` for step `k` of a 4D file. Empty beyond the last step.
-    #[must_use]
     pub fn name(&self, step: usize) -> String {
         let (file, k) = self.place(step);
         let name = self.files.get(file).and_then(|f| f.file_name()).unwrap_or_default().to_string_lossy();
@@ -201,13 +191,11 @@ impl Series {
     }
 
     /// The time of a step in `[0, 1]`: 0 the first, 1 the last; 0 for a single step. NaN beyond the last step.
-    #[must_use]
     pub fn time(&self, step: usize) -> f64 {
         self.times.scene.get(step).copied().unwrap_or(f64::NAN)
     }
 
     /// What the user should know about the files, one sentence each.
-    #[must_use]
     pub fn notes(&self) -> &[String] {
         &self.notes
     }

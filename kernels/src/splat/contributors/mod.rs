@@ -122,7 +122,6 @@ impl Contributors {
     ///
     /// # Panics
     /// As [`Self::row`].
-    #[must_use]
     pub fn rows(&self, chosen: &[usize]) -> Self {
         let mut out = Self { offsets: vec![0], ..Self::default() };
         for &p in chosen {

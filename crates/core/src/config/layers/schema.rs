@@ -8,14 +8,12 @@ use serde_json::Value as Json;
 const MAX_DEPTH: usize = 16;
 
 /// The JSON schema of `T`, for editors and documentation.
-#[must_use]
 pub fn schema<T: JsonSchema>() -> Json {
     schemars::schema_for!(T).to_value()
 }
 
 /// The JSON schema of a configuration file for `T`: every key is optional, since the lower layers supply its value, and
 /// `extends` names the file or preset to start from. Each key carries its value in `defaults`.
-#[must_use]
 pub fn file_schema<T: JsonSchema + Serialize>(defaults: &T) -> Json {
     let mut schema = schema::<T>();
     relax(&mut schema);

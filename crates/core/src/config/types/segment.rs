@@ -121,7 +121,6 @@ impl SegmentConfig {
     }
 
     /// Whether every option has its default.
-    #[must_use]
     pub fn is_default(&self) -> bool {
         *self == Self::default()
     }

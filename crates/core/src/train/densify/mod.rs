@@ -54,7 +54,6 @@ impl Statistics {
 
     /// Returns the statistics of the Gaussians of `rows` once `due` is done. Gradients begin anew when Gaussians were added,
     /// opacities when some were pruned or opacities reset; the rest is kept.
-    #[must_use]
     pub fn renewed(&self, rows: &[Row], due: Due) -> Self {
         let mut new = Self::new(rows.len());
         if !due.adds() {
@@ -68,14 +67,12 @@ impl Statistics {
     }
 
     /// Returns the statistics in the order of `rows`.
-    #[must_use]
     pub fn rearranged(&self, rows: &[Row]) -> Self {
         let [gradient, views, opacity] = [&self.gradient, &self.views, &self.opacity].map(|v| gather(v, rows, 1));
         Self { gradient, views, opacity }
     }
 
     /// Returns the statistics as tensors for a checkpoint.
-    #[must_use]
     pub fn into_tensors(self) -> BTreeMap<String, HostTensor> {
         let named = [("gradient", self.gradient), ("views", self.views), ("opacity", self.opacity)];
         let tensor = |values: Vec<f32>| HostTensor { shape: vec![values.len()], values };
@@ -96,7 +93,6 @@ impl Statistics {
     }
 
     /// Returns the mean norm of the screen-space gradient of Gaussian `i` over the views that drew it; 0 if none did.
-    #[must_use]
     pub fn score(&self, i: usize) -> f32 {
         if self.views[i] > 0.0 { self.gradient[i] / self.views[i] } else { 0.0 }
     }

@@ -79,7 +79,6 @@ pub struct Candidates<'a> {
 impl Candidates<'_> {
     /// Plans to copy those with the largest gradients above `threshold`, up to the target: large ones are split, small ones
     /// cloned.
-    #[must_use]
     pub fn largest_gradients(&self, threshold: f32) -> Vec<Row> {
         let score = |i: usize| self.statistics.score(i);
         let wanted = self.target.map_or(0, |target| target.saturating_sub(self.alive.len()));

@@ -55,7 +55,6 @@ pub fn dssim(image: Tensor<3>, target: Tensor<3>) -> Tensor<1> {
 /// stage), rising over the first `loss.dssim_ramp` of them. DSSIM's gradients are many times those of L2, and Adam's
 /// second moment takes some hundred steps to learn their size; switched on at once, DSSIM sets the scene back. With
 /// `loss.dssim_warmup` it also has its full weight in warm-up.
-#[must_use]
 pub fn dssim_weight(config: &Config, stage: Stage) -> f64 {
     let stages = &config.stages;
     let (s, steps) = match stage {

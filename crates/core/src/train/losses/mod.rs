@@ -113,7 +113,6 @@ pub fn check(config: &Config) -> Result<(), String> {
 }
 
 /// Returns the seconds of CPU time that the terms take over the whole run for each pixel of a view.
-#[must_use]
 pub fn seconds_per_pixel(config: &Config) -> f64 {
     LOSS_TERMS.all().into_iter().map(|(_, term)| term.seconds_per_pixel(config)).sum()
 }
@@ -123,13 +122,11 @@ pub struct LossTerms(Vec<(String, &'static dyn LossTerm)>);
 
 impl LossTerms {
     /// Returns the terms that are registered now.
-    #[must_use]
     pub fn registered() -> Self {
         Self(LOSS_TERMS.all())
     }
 
     /// Returns `loss` with every term added whose weight is not 0 at this step.
-    #[must_use]
     pub fn add_to(&self, loss: Tensor<1>, seen: &LossInput<'_>) -> Tensor<1> {
         self.0.iter().fold(loss, |sum, (name, term)| {
             let own = term.weight(seen.config, seen.stage);

@@ -58,13 +58,11 @@ pub struct RunContext<'a> {
 
 impl<'a> RunContext<'a> {
     /// Returns the context of a run whose lock is free, which nothing stops early and nobody watches.
-    #[must_use]
     pub fn new(config: &'a Config, dataset: &'a Dataset, options: &'a RunOptions) -> Self {
         Self { config, dataset, options, lock: None, stop: &NEVER, observer: None }
     }
 
     /// Returns the context with `observer` in place of any other.
-    #[must_use]
     pub fn observed_by<'b>(self, observer: &'b mut dyn Observer) -> RunContext<'b>
     where
         'a: 'b,

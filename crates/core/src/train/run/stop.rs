@@ -18,7 +18,6 @@ pub enum StopReason {
 
 impl StopReason {
     /// Whether the run is at its end; otherwise it was interrupted.
-    #[must_use]
     pub fn is_complete(self) -> bool {
         matches!(self, Self::AllSteps | Self::TimeLimit)
     }

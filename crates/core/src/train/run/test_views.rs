@@ -39,7 +39,6 @@ impl<'a> TestViews<'a> {
 
 /// Returns the mean PSNR in decibels over `views` evenly spaced views of a split as 8-bit images; finite, as that of an
 /// evaluation.
-#[must_use]
 pub fn mean_psnr(model: &dyn Model, split: &Split, views: usize) -> f64 {
     let n = split.frames.len();
     let views = views.clamp(1, n);

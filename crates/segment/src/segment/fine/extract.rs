@@ -49,7 +49,6 @@ pub fn cluster(
 ///
 /// # Panics
 /// If `clicked` is not below M.
-#[must_use]
 pub fn cosines(features: &[f32], clicked: usize) -> Vec<f32> {
     let of = &features[clicked * FEATURES..][..FEATURES];
     features.par_chunks_exact(FEATURES).map(|row| row.iter().zip(of).map(|(a, b)| a * b).sum()).collect()

@@ -45,7 +45,6 @@ pub struct Frame {
 
 impl Frame {
     /// The box around the finite rows of `means` `[N, 3]`.
-    #[must_use]
     pub fn around(means: &[f32]) -> Self {
         let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         for p in means.chunks_exact(3).filter(|p| p.iter().all(|v| v.is_finite())) {
@@ -61,7 +60,6 @@ impl Frame {
     }
 
     /// Encodes `means` `[N, 3]` as `[N, 24]`.
-    #[must_use]
     pub fn encode(&self, means: &[f32]) -> Vec<f32> {
         let mut out = vec![0.0; means.len() / 3 * ENCODED];
         out.par_chunks_exact_mut(ENCODED).zip(means.par_chunks_exact(3)).for_each(|(row, p)| {
@@ -78,7 +76,6 @@ impl Frame {
 
 impl AffinityField {
     /// Creates a field with random weights.
-    #[must_use]
     pub fn new(seed: u64, device: &Device) -> Self {
         let mut rng = Rng::new(seed, 0, Purpose::AffinityInit);
         let bias = |n: usize| Param::from_tensor(Tensor::zeros([n], device));
@@ -93,7 +90,6 @@ impl AffinityField {
     }
 
     /// Returns the features `[N, 16]` of encoded positions `[N, 24]` at `scale` in [0, 1]; not normalised.
-    #[must_use]
     pub fn forward(&self, encoded: &[f32], scale: f32) -> Tensor<2> {
         self.forward_each(encoded, &vec![scale; encoded.len() / ENCODED])
     }
@@ -102,7 +98,6 @@ impl AffinityField {
     ///
     /// # Panics
     /// If the numbers of scales and positions differ.
-    #[must_use]
     pub fn forward_each(&self, encoded: &[f32], scales: &[f32]) -> Tensor<2> {
         assert_eq!(encoded.len(), ENCODED * scales.len(), "scales: [N]");
         let device = self.first_weight.val().device();
@@ -122,7 +117,6 @@ impl AffinityField {
     }
 
     /// Returns unit features `[N, 16]` on the host.
-    #[must_use]
     pub fn features(&self, encoded: &[f32], scale: f32) -> Vec<f32> {
         let mut out = to_vec(self.forward(encoded, scale));
         out.par_chunks_exact_mut(FEATURES).for_each(|row| {

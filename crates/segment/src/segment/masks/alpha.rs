@@ -13,7 +13,6 @@ use crate::segment::pictures::Picture;
 /// quarter of it has the typical alpha, or all of it a quarter of that; a mask of the background, whose mean is near 0,
 /// and one of the whole picture around a small body do not. Anything fainter than 2/255 is never visible, and so is
 /// background everywhere.
-#[must_use]
 pub fn background_below(picture: &Picture, config: &MasksConfig) -> f64 {
     let (mut sum, mut squares) = (0.0f64, 0.0f64);
     for p in picture.rgba.chunks_exact(4).filter(|p| p[3].is_finite()) {
@@ -26,7 +25,6 @@ pub fn background_below(picture: &Picture, config: &MasksConfig) -> f64 {
 }
 
 /// Mean alpha of the picture in a mask of its size; 0 for an empty one.
-#[must_use]
 pub fn mean_alpha(picture: &Picture, mask: &Mask) -> f64 {
     let sum: f64 = mask.pixels().map(|p| f64::from(picture.rgba[4 * p as usize + 3])).sum();
     sum / mask.area().max(1) as f64
@@ -34,7 +32,6 @@ pub fn mean_alpha(picture: &Picture, mask: &Mask) -> f64 {
 
 /// Whether a mask lies on the background of a picture of a group alone: its mean alpha is NaN or less than `below`, see
 /// [`background_below`]. An empty mask does.
-#[must_use]
 pub fn on_background(picture: &Picture, mask: &Mask, below: f64) -> bool {
     let mean = mean_alpha(picture, mask);
     mean < below || mean.is_nan()

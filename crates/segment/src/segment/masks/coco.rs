@@ -155,7 +155,6 @@ impl CocoFile {
     }
 
     /// The images, in the file's order.
-    #[must_use]
     pub fn images(&self) -> &[CocoImage] {
         &self.images
     }

@@ -27,7 +27,6 @@ pub struct Shot {
 
 impl Shot {
     /// `view-000`, `view-001`, ...
-    #[must_use]
     pub fn numbered(cameras: Vec<Camera>) -> Vec<Self> {
         cameras.into_iter().enumerate().map(|(i, camera)| Self { file: format!("view-{i:03}"), camera }).collect()
     }

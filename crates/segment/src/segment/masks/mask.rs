@@ -139,7 +139,6 @@ impl Mask {
     }
 
     /// The mask as a row-major buffer `[height, width]`.
-    #[must_use]
     pub fn to_rows(&self) -> Vec<bool> {
         self.window([0, 0, self.width, self.height])
     }
@@ -193,13 +192,11 @@ impl Mask {
     }
 
     /// Number of set pixels.
-    #[must_use]
     pub fn area(&self) -> u64 {
         self.set_runs().map(|(start, end)| end - start).sum()
     }
 
     /// Smallest box around the set pixels, `[x, y, width, height]` in pixels; zeros if none is set.
-    #[must_use]
     pub fn bbox(&self) -> [u32; 4] {
         let height = u64::from(self.height);
         let (mut left, mut right, mut top, mut bottom) = (u64::MAX, 0, u64::MAX, 0);
@@ -223,7 +220,6 @@ impl Mask {
     }
 
     /// Whether the pixel in column `x` and row `y` is set; false outside the image.
-    #[must_use]
     pub fn contains(&self, x: u32, y: u32) -> bool {
         if x >= self.width || y >= self.height {
             return false;

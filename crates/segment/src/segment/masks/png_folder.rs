@@ -93,7 +93,6 @@ impl PngFolder {
     }
 
     /// Whether no view has a file.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.views.iter().all(|files| matches!(files, Files::Absent))
     }

@@ -75,25 +75,21 @@ impl MaskReader {
     }
 
     /// What all masks have in common.
-    #[must_use]
     pub fn header(&self) -> &Header {
         &self.header
     }
 
     /// Number of annotations of all views.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.places.iter().map(Vec::len).sum()
     }
 
     /// Whether the file holds no annotation.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     /// Number of annotations of one view; 0 for a view that is not listed.
-    #[must_use]
     pub fn view_len(&self, view: usize) -> usize {
         self.places.get(view).map_or(0, Vec::len)
     }

@@ -193,7 +193,6 @@ impl fmt::Debug for ChosenSource {
 }
 
 /// Returns the names of all sources, for messages.
-#[must_use]
 pub fn names() -> String {
     MASK_SOURCES.names().join(", ")
 }

@@ -41,7 +41,6 @@ pub enum RleError {
 }
 
 /// Writes run lengths as COCO's compressed string.
-#[must_use]
 pub fn encode(counts: &[u32]) -> String {
     let mut text = String::with_capacity(counts.len() * 2);
     for (index, &count) in counts.iter().enumerate() {

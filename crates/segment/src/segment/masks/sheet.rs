@@ -6,7 +6,6 @@ use image::RgbImage;
 
 /// Returns the image with each mask tinted and outlined in a colour of its own, later masks over earlier ones. Masks of
 /// another size are skipped.
-#[must_use]
 pub fn overlay(mut image: RgbImage, masks: &[Mask]) -> RgbImage {
     let size = image.dimensions();
     for (index, mask) in masks.iter().enumerate().filter(|(_, mask)| (mask.width, mask.height) == size) {

@@ -103,7 +103,6 @@ pub enum SourceError {
 
 impl SourceError {
     /// Whether input files are at fault.
-    #[must_use]
     pub fn is_input(&self) -> bool {
         matches!(self, Self::Store(_) | Self::Data(_))
     }

@@ -54,7 +54,6 @@ pub struct Header {
 
 impl Header {
     /// A header of the current format and version.
-    #[must_use]
     pub fn new(width: u32, height: u32, time: f64, views: Vec<View>, segments: Vec<String>, source: String) -> Self {
         Self {
             format: FORMAT.to_owned(),
@@ -83,7 +82,6 @@ pub struct View {
 
 impl View {
     /// Returns its camera for pictures of `width` by `height` pixels.
-    #[must_use]
     pub fn camera(&self, width: u32, height: u32) -> Camera {
         let rows = self.camera_to_world.map(f64::from);
         Camera::from_fov_x(f64::from(self.fov_x), width, height, glam::DMat4::from_cols_array(&rows).transpose())

@@ -40,7 +40,6 @@ impl Fields {
 
     /// The average of one value of each Gaussian `[N]`, weighted by density, `[z, y, x]`; 0 where the density is 0. A
     /// value that is not finite counts as 0.
-    #[must_use]
     pub fn average(&self, value: impl Fn(usize) -> f32) -> Vec<f32> {
         let scaled = self.bells.iter().map(|bell| {
             let value = value(bell.index as usize);

@@ -74,7 +74,6 @@ impl Sums {
 
 impl Places<'_> {
     /// Measures the segments with these labels; `None` for one that is nowhere.
-    #[must_use]
     pub fn measure(&self, labels: &[u32]) -> Vec<Option<Measure>> {
         let mut column = vec![usize::MAX; self.edges.len()];
         for (i, label) in labels.iter().enumerate() {

@@ -86,14 +86,12 @@ pub struct Cloud<'a> {
 
 impl<'a> Cloud<'a> {
     /// The Gaussians `at` one time with their linear `opacity` and `labels`.
-    #[must_use]
     pub fn new(at: &'a HostGaussians, opacity: &'a [f32], labels: &'a [u32]) -> Self {
         Self { means: &at.means, rotations: &at.rotations, log_scales: &at.log_scales, opacity, labels }
     }
 
     /// The content of Gaussian `i`, `2 pi tau s^2`: its extinction density summed over space; 0 if it is invisible or
     /// not finite.
-    #[must_use]
     pub fn content(&self, i: usize) -> f64 {
         let opacity = self.opacity[i];
         let log = self.log_scales[3 * i..3 * i + 3].iter().map(|s| f64::from(*s)).sum::<f64>();
@@ -136,7 +134,6 @@ pub enum PlaceError {
 
 /// Returns the cells on which segments of a scene with this box, scene units, are found: about 128 along its longest
 /// side, cubes, the same at all times.
-#[must_use]
 pub fn scene_grid(centre: [f32; 3], half_size: [f32; 3]) -> Grid {
     let half = half_size.map(|h| f64::from(h) * (1.0 + 2.0 * BORDER));
     let longest = half.iter().copied().fold(0.0, f64::max).max(f64::MIN_POSITIVE);
@@ -242,25 +239,21 @@ impl<'a> Places<'a> {
     }
 
     /// The cells.
-    #[must_use]
     pub fn grid(&self) -> &Grid {
         &self.grid
     }
 
     /// Where the segment `label` ends; zeros if it is nowhere.
-    #[must_use]
     pub fn edge(&self, label: u32) -> Edge {
         self.edges.get(label as usize).copied().unwrap_or_default()
     }
 
     /// The label of the segment at each cell, `[z, y, x]`; 0 for none.
-    #[must_use]
     pub fn labels(&self) -> Vec<u16> {
         self.cells.iter().map(|cell| cell.owner).collect()
     }
 
     /// The Gaussians whose centres lie in the place of segment `label`, ascending.
-    #[must_use]
     pub fn within(&self, label: u32) -> Vec<u32> {
         let there = |site: &&Site| {
             let cell = &self.cells[site.cell as usize];
@@ -273,7 +266,6 @@ impl<'a> Places<'a> {
 
     /// The share of the content of each segment whose Gaussians lie in its place, by label from 0; `None` for a segment
     /// without visible Gaussians.
-    #[must_use]
     pub fn shares(&self) -> Vec<Option<f64>> {
         let mut sums = vec![[0.0f64; 2]; self.edges.len()];
         for (i, label) in self.cloud.labels.iter().enumerate() {

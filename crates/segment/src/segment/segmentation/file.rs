@@ -69,7 +69,6 @@ fn bytes(members: &[u32]) -> Vec<u8> {
 }
 
 /// Returns the key that identifies the members of a segment: 32 hexadecimal digits, a 128-bit hash.
-#[must_use]
 pub fn key(members: &[u32]) -> String {
     format!("{:032x}", XxHash3_128::oneshot(&bytes(members)))
 }

@@ -62,7 +62,6 @@ impl Shape {
 }
 
 /// The scalar type of a name: `u8`, `uint8`, `unsigned char`, `float`, ...; case and extra spaces do not matter.
-#[must_use]
 pub fn scalar_from_name(name: &str) -> Option<ScalarType> {
     ScalarType::of_name(&name.split_whitespace().collect::<Vec<_>>().join(" ").to_ascii_lowercase())
 }

@@ -69,7 +69,6 @@ pub fn decode_scaled(
 }
 
 /// Reads a value of this type from text; `None` if it is none, or out of range.
-#[must_use]
 pub fn parse(text: &str, scalar: ScalarType) -> Option<f32> {
     let whole = |low: i64, high: i64| text.parse().ok().filter(|v| (low..=high).contains(v)).map(|v: i64| v as f32);
     match scalar {

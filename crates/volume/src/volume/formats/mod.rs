@@ -35,7 +35,6 @@ pub enum Format {
 }
 
 /// The format of a file by its name, and the length of its extension in bytes with the dot; case does not matter.
-#[must_use]
 pub fn format_of(path: &Path) -> Option<(Format, usize)> {
     const KNOWN: [(&str, Format); 9] = [
         (".nii.gz", Format::Nifti),
@@ -81,7 +80,6 @@ const NOT_READ: [(&[&str], &str); 9] = [
 ];
 
 /// What to do with a file of a known format that is not read, by its name; `None` for any other.
-#[must_use]
 pub fn not_read(path: &Path) -> Option<&'static str> {
     let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
     let known = |extensions: &[&str]| extensions.iter().any(|e| name.len() > e.len() && name.ends_with(e));

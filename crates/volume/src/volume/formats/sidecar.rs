@@ -53,7 +53,6 @@ pub fn only(path: &Path, candidates: &[PathBuf]) -> Result<Option<PathBuf>, Volu
 }
 
 /// Adds `suffix` to the whole file name: `a.raw` and `.toml` give `a.raw.toml`.
-#[must_use]
 pub fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(suffix);

@@ -15,7 +15,6 @@ pub struct Bins {
 impl Bins {
     /// At most `max_count` bins over the data values `span`. Of `whole` numbers each bin covers equally many, so that
     /// none stays empty or is twice as high because of where its edges fall.
-    #[must_use]
     pub fn new(span: [f64; 2], whole: bool, max_count: usize) -> Self {
         let [first, last] = [span[0].ceil(), span[1].floor()];
         let exact = first.abs() < EXACT && last.abs() < EXACT;

@@ -54,7 +54,6 @@ impl RayCaster {
     /// Each cell is divided into 2 to 4 parts per axis, no longer than a voxel unless the cell is longer than 4; in
     /// each part the values run from one corner to the opposite one, as along a ray, and the extinction is their mean
     /// under the transfer function. Parts outside of the volume are empty. Bit-identical for any number of threads.
-    #[must_use]
     pub fn cells(&self, longest: usize) -> Cells {
         let (dims, spacing, origin) = layout(&self.placement, longest);
         let per_unit = voxels_per_unit(&self.placement);

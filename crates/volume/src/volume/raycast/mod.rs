@@ -79,7 +79,6 @@ impl RayCaster {
     /// `labels` (same dimensions) give the segment of each voxel; without them the transfer function's named ranges do.
     /// `span` is the range of data values that the transfer function's fractions refer to. `step` is the distance
     /// between samples in units of the smallest voxel spacing. Each axis needs at least two voxels.
-    #[must_use]
     pub fn new(
         volume: &Volume,
         labels: Option<Labels>,
@@ -106,7 +105,6 @@ impl RayCaster {
     }
 
     /// Prepares to show `segment` (an id, from 1) alone.
-    #[must_use]
     pub fn isolate(&self, segment: u16) -> Isolated {
         let [nx, ny, _] = self.field.dims;
         let occupancy = Occupancy::new(self.field.dims, |from| {
@@ -125,13 +123,11 @@ impl RayCaster {
     }
 
     /// Renders the volume, or one segment of it alone.
-    #[must_use]
     pub fn render(&self, camera: &Camera, only: Option<&Isolated>) -> Picture {
         self.paint(camera, only, None).0
     }
 
     /// Like [`RayCaster::render`], but returns `None` early once `stop` is set.
-    #[must_use]
     pub fn render_until(&self, camera: &Camera, only: Option<&Isolated>, stop: &AtomicBool) -> Option<Picture> {
         let (picture, whole) = self.paint(camera, only, Some(stop));
         whole.then_some(picture)
@@ -146,7 +142,6 @@ impl RayCaster {
 
     /// Renders the volume and, for each pixel, the segment with the largest share of its colour (`[H, W]`, 0 where no
     /// segment shows or alpha is below `min_alpha`). Returns `None` early once `stop` is set.
-    #[must_use]
     pub fn render_with_labels(
         &self,
         camera: &Camera,

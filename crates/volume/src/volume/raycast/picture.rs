@@ -15,7 +15,6 @@ pub struct Picture {
 
 impl Picture {
     /// An empty picture.
-    #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
         Self { width, height, pixels: vec![0.0; 4 * width * height] }
     }
@@ -25,14 +24,12 @@ impl Picture {
     }
 
     /// The image over a background, `[H, W, 3]`.
-    #[must_use]
     pub fn over(&self, background: [f32; 3]) -> Vec<f32> {
         self.pixels.chunks_exact(4).flat_map(|p| [0, 1, 2].map(|c| p[c] + (1.0 - p[3]) * background[c])).collect()
     }
 
     /// The image in 8 bits with straight alpha, as stored in datasets. The colour is the one that, with the rounded
     /// alpha, comes closest to the image over black.
-    #[must_use]
     pub fn to_rgba8(&self) -> RgbaImage {
         RgbaImage::from_fn(self.width as u32, self.height as u32, |x, y| {
             let p = &self.pixels[4 * (y as usize * self.width + x as usize)..][..4];
@@ -43,19 +40,16 @@ impl Picture {
     }
 
     /// 255 where alpha is at least `min_alpha`, else 0, `[H, W]`.
-    #[must_use]
     pub fn mask(&self, min_alpha: f32) -> Vec<u8> {
         self.pixels.chunks_exact(4).map(|p| if p[3] >= min_alpha { 255 } else { 0 }).collect()
     }
 
     /// Whether anything of it remains visible in 8 bits.
-    #[must_use]
     pub fn shows(&self) -> bool {
         self.pixels.chunks_exact(4).any(|p| (p[3] * 255.0).round() > 0.0)
     }
 
     /// Fraction of pixels with any alpha.
-    #[must_use]
     pub fn coverage(&self) -> f64 {
         let some = self.pixels.chunks_exact(4).filter(|p| p[3] > 0.0).count();
         some as f64 / (self.width * self.height).max(1) as f64
@@ -104,7 +98,6 @@ impl Shares {
     }
 
     /// The segment with the largest share; 0 if there is none.
-    #[must_use]
     pub fn largest(&self) -> u16 {
         let mut all = *self;
         all.keep(self.now.0, self.now.1);

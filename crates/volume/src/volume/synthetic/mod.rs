@@ -125,7 +125,6 @@ impl Synthetic {
     pub const ALL: [Self; 6] = [Self::Jets, Self::Vortices, Self::Shells, Self::Layers, Self::Beads, Self::Filaments];
 
     /// Names of the segments; label `k + 1` has name `k`, label 0 is no segment.
-    #[must_use]
     pub fn segment_names(self) -> &'static [&'static str] {
         match self {
             Self::Jets => &jets::NAMES,
@@ -140,7 +139,6 @@ impl Synthetic {
     /// The field at the point `p` in `[-1, 1]^3` (z up) and the time `t` in `[0, 1]` (clamped): the value in
     /// `[0, 1]`, which is 0 on and outside the faces of the box, and the label of the structure that dominates
     /// there, 0 for none. To fill a grid use [`Self::sample`], which shares the work between points.
-    #[must_use]
     pub fn value_and_label(self, p: [f64; 3], t: f64) -> (f32, u16) {
         let mut answer = (0.0, 0);
         Frame::new(self, t).plane(p[2], &[p[0]], &[p[1]], |_, value, label| answer = (value as f32, label));
@@ -150,7 +148,6 @@ impl Synthetic {
     /// The field at the centres of a grid of `dims` voxels (x, y, z) at the time `t`: the longest side spans `[-1, 1]`,
     /// the voxels are cubes of side `2 / longest`, and the grid is centred at the origin; a shorter side shows the
     /// middle of the box. Values and labels are `[z, y, x]`, x fastest, and bit-identical for any number of threads.
-    #[must_use]
     pub fn sample(self, dims: [usize; 3], t: f64) -> (Volume, Labels) {
         let spacing = 2.0 / dims.into_iter().max().unwrap_or(1).max(1) as f64;
         let origin: [f64; 3] = std::array::from_fn(|a| 0.5 * spacing * (1.0 - dims[a] as f64));
@@ -184,7 +181,6 @@ impl Synthetic {
     }
 
     /// The name by which it is requested.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Jets => "jets",

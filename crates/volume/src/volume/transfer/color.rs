@@ -7,7 +7,6 @@ use std::f64::consts::PI;
 const WHITE: [f64; 3] = [0.9505, 1.0, 1.0890];
 
 /// CIELAB values `[L, a, b]` of an sRGB colour; L in [0, 100].
-#[must_use]
 pub fn rgb_to_lab(rgb: [f64; 3]) -> [f64; 3] {
     let [r, g, b] = rgb.map(|v| if v > 0.04045 { ((v + 0.055) / 1.055).powf(2.4) } else { v / 12.92 });
     let xyz = [
@@ -22,7 +21,6 @@ pub fn rgb_to_lab(rgb: [f64; 3]) -> [f64; 3] {
 
 /// sRGB colour of CIELAB values. Out-of-gamut colours are scaled down by their largest channel, so that the hue is
 /// kept, and clipped at zero.
-#[must_use]
 pub fn lab_to_rgb(lab: [f64; 3]) -> [f64; 3] {
     let y = (lab[0] + 16.0) / 116.0;
     let curve = |v: f64| if v.powi(3) > 0.008_856 { v.powi(3) } else { (v - 16.0 / 116.0) / 7.787 };
@@ -39,7 +37,6 @@ pub fn lab_to_rgb(lab: [f64; 3]) -> [f64; 3] {
 }
 
 /// Hue in [0, 1), saturation and value of an RGB colour.
-#[must_use]
 pub fn rgb_to_hsv([r, g, b]: [f64; 3]) -> [f64; 3] {
     let high = r.max(g).max(b);
     let width = high - r.min(g).min(b);
@@ -57,7 +54,6 @@ pub fn rgb_to_hsv([r, g, b]: [f64; 3]) -> [f64; 3] {
 }
 
 /// RGB colour of hue (any number, one turn is 1), saturation and value.
-#[must_use]
 pub fn hsv_to_rgb([h, s, v]: [f64; 3]) -> [f64; 3] {
     [5.0, 3.0, 1.0].map(|n| {
         let k: f64 = (n + h * 6.0).rem_euclid(6.0);
@@ -66,13 +62,11 @@ pub fn hsv_to_rgb([h, s, v]: [f64; 3]) -> [f64; 3] {
 }
 
 /// Mixes in CIELAB.
-#[must_use]
 pub fn mix_lab(a: [f64; 3], b: [f64; 3], t: f64) -> [f64; 3] {
     lab_to_rgb(mix(rgb_to_lab(a), rgb_to_lab(b), t))
 }
 
 /// Mixes in HSV; `wrap` takes the shorter way round the hue circle.
-#[must_use]
 pub fn mix_hsv(a: [f64; 3], b: [f64; 3], t: f64, wrap: bool) -> [f64; 3] {
     let (mut a, mut b) = (rgb_to_hsv(a), rgb_to_hsv(b));
     if wrap && (a[0] - b[0]).abs() > 0.5 {
@@ -86,7 +80,6 @@ pub fn mix_hsv(a: [f64; 3], b: [f64; 3], t: f64, wrap: bool) -> [f64; 3] {
 }
 
 /// Mixes in Msh, with white in the middle of two distinct saturated colours (Moreland 2009, section 5).
-#[must_use]
 pub fn mix_diverging(a: [f64; 3], b: [f64; 3], t: f64) -> [f64; 3] {
     let (mut a, mut b, mut t) = (rgb_to_msh(a), rgb_to_msh(b), t);
     let turn = (a[2] - b[2]).abs();
@@ -133,7 +126,6 @@ fn mix(a: [f64; 3], b: [f64; 3], t: f64) -> [f64; 3] {
 }
 
 /// The colour of `#rrggbb`.
-#[must_use]
 pub fn parse_hex(text: &str) -> Option<[f32; 3]> {
     let digits = text.strip_prefix('#').filter(|d| d.len() == 6 && d.bytes().all(|b| b.is_ascii_hexdigit()))?;
     let value = u32::from_str_radix(digits, 16).ok()?;
@@ -141,7 +133,6 @@ pub fn parse_hex(text: &str) -> Option<[f32; 3]> {
 }
 
 /// `#rrggbb`, if the colour has 8 bits per channel exactly.
-#[must_use]
 pub fn exact_hex(color: [f32; 3]) -> Option<String> {
     let [r, g, b] = color.map(|v| (v * 255.0).round() as u8);
     let text = format!("#{r:02x}{g:02x}{b:02x}");

@@ -12,7 +12,6 @@ const COOL: [f64; 3] = [0.230, 0.299, 0.754];
 const WARM: [f64; 3] = [0.706, 0.016, 0.150];
 
 /// Control points (fraction, sRGB colour) of a colour map; `None` for an unknown name.
-#[must_use]
 pub fn named(name: &str) -> Option<Vec<(f64, [f32; 3])>> {
     let even: &[u32] = match name {
         "viridis" => {
@@ -44,7 +43,6 @@ pub fn named(name: &str) -> Option<Vec<(f64, [f32; 3])>> {
 }
 
 /// sRGB colour of a map at a fraction; the end values hold outside [0, 1], and a map without points is black.
-#[must_use]
 pub fn colour_at(map: &[(f64, [f32; 3])], fraction: f64) -> [f32; 3] {
     bracket(map, fraction).map_or([0.0; 3], |(a, b, t)| std::array::from_fn(|c| a[c] + (b[c] - a[c]) * t as f32))
 }

@@ -145,7 +145,6 @@ pub struct SegmentRange {
 
 impl SegmentRange {
     /// Whether a fraction is in the range.
-    #[must_use]
     pub fn contains(&self, fraction: f64) -> bool {
         let [low, high] = self.range;
         low <= fraction && (fraction < high || (high >= 1.0 && fraction <= high))
@@ -158,26 +157,22 @@ pub const DEFAULT_UNIT_LENGTH: f64 = 0.01;
 impl TransferFunction {
     /// Data values at the fractions 0 and 1 for a field with values in `data_range`. Never empty: a field of one value
     /// `v` gives a span that starts at `v`.
-    #[must_use]
     pub fn span(&self, data_range: [f64; 2]) -> [f64; 2] {
         let [low, high] = self.range.unwrap_or(data_range);
         if high > low { [low, high] } else { [low, low + low.abs().max(1.0)] }
     }
 
     /// sRGB colour at a fraction; the end values hold outside [0, 1]. At a step the upper side counts.
-    #[must_use]
     pub fn color_at(&self, fraction: f64) -> [f32; 3] {
         colormap::colour_at(&self.colors, fraction)
     }
 
     /// Opacity per `unit_length` at a fraction; the end values hold outside [0, 1]. At a step the upper side counts.
-    #[must_use]
     pub fn opacity_at(&self, fraction: f64) -> f32 {
         bracket(&self.opacity, fraction).map_or(0.0, |(a, b, t)| a + (b - a) * t as f32)
     }
 
     /// `[n, 4]` samples at the fractions `i / (n - 1)`: sRGB, not premultiplied, and opacity per `unit_length`.
-    #[must_use]
     pub fn table(&self, n: usize) -> Vec<[f32; 4]> {
         let last = n.saturating_sub(1).max(1) as f64;
         let sample = |i: usize| {
@@ -189,13 +184,11 @@ impl TransferFunction {
     }
 
     /// Index into `segments` of the one that contains a fraction; `None` outside all of them.
-    #[must_use]
     pub fn segment_of(&self, fraction: f64) -> Option<usize> {
         self.segments.iter().position(|s| s.contains(fraction))
     }
 
     /// Colour of a segment: its own or the one in the middle of its range.
-    #[must_use]
     pub fn segment_color(&self, segment: &SegmentRange) -> [f32; 3] {
         segment.color.unwrap_or_else(|| self.color_at(f64::midpoint(segment.range[0], segment.range[1])))
     }
@@ -223,13 +216,11 @@ impl TransferFunction {
     }
 
     /// Names of the presets.
-    #[must_use]
     pub fn presets() -> Vec<&'static str> {
         PRESETS.iter().map(|(name, _)| *name).collect()
     }
 
     /// The function as a TOML file that reads back equal, with fractions as units.
-    #[must_use]
     pub fn to_toml(&self) -> String {
         file::write(self)
     }

@@ -26,13 +26,11 @@ impl SagaModel {
     }
 
     /// Number of Gaussians, N.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.features.len()
     }
 
     /// True if there are no Gaussians.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.features.is_empty()
     }
@@ -43,7 +41,6 @@ impl SagaModel {
     ///
     /// # Panics
     /// If `clicked` is not below N.
-    #[must_use]
     pub fn similarity(&self, clicked: u32, scale: f32) -> Vec<f32> {
         let gate = self.gate.at(scale);
         let gated = |f: &Feature| unit(std::array::from_fn(|k| f[k] * gate[k])).0;
@@ -58,7 +55,6 @@ impl SagaModel {
     ///
     /// # Panics
     /// If `clicked` is not below N.
-    #[must_use]
     pub fn select(&self, clicked: u32, scale: f32, threshold: f32) -> Vec<bool> {
         self.similarity(clicked, scale).into_iter().map(|s| s > threshold).collect()
     }

@@ -37,7 +37,6 @@ pub struct Labels {
 impl Labels {
     /// Creates the source from `views`, which are those that are drawn, in the same order. An id makes a mask from
     /// `min_pixels` on.
-    #[must_use]
     pub fn new(truth: Truth, views: Vec<LabelledView>, min_pixels: u64) -> Self {
         let dataset = truth.root.file_name().unwrap_or_default().to_string_lossy();
         Self { name: format!("labels of {dataset}"), truth, views, min_pixels }

@@ -28,7 +28,6 @@ pub struct Regions {
 
 impl Regions {
     /// Creates the source for pictures over `background`.
-    #[must_use]
     pub fn new(background: [f32; 3], options: MasksConfig) -> Self {
         Self { background, options }
     }

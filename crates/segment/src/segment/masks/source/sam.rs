@@ -71,7 +71,6 @@ pub struct SamSource {
 
 impl SamSource {
     /// Creates the source from a loaded network; `config` says which of its masks are background.
-    #[must_use]
     pub fn new(sam: Sam, options: AutomaticOptions, config: MasksConfig) -> Self {
         let points = options.points_per_side;
         Self { name: format!("sam, {points} by {points} points"), sam, options, config }

@@ -137,7 +137,6 @@ impl Text {
     }
 
     /// The value of a field, by its name in lower case without spaces.
-    #[must_use]
     pub fn get(&self, key: &str) -> Option<&str> {
         self.fields.get(key).map(String::as_str)
     }
