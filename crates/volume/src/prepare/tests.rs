@@ -1,5 +1,6 @@
 //! Preparing datasets as a user would, in a temporary folder.
 
+use super::error::nothing_visible;
 use super::*;
 use crate::data::dataset::{Dataset, OpenOptions};
 use crate::data::truth::SegmentFile;
