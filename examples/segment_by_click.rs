@@ -8,7 +8,7 @@ use volseggs::files::Work;
 use volseggs::name::Name;
 use volseggs::prelude::*;
 use volseggs::run::{affinity, pick, segments::RunSegments};
-use volseggs::segment::pick::{Meaning, PickOptions};
+use volseggs::segment::pick::{Granularity, PickOptions};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     let clicking = pick::Clicking::new(&run, segments.now(), Some(&field), time);
     let hit = clicking.hit(&camera, [x.parse()?, y.parse()?], None)?;
-    let picked = clicking.select(&hit, &PickOptions { meaning: Meaning::Likeliest, list: false })?;
+    let picked = clicking.select(&hit, &PickOptions { meaning: Granularity::Likeliest, list: false })?;
     let made = pick::commit(&run, &mut segments, &Name::new(name)?, &hit, &picked, time)?;
     segments.save()?;
     println!("{name}: {} Gaussians", made.gaussians);

@@ -15,7 +15,7 @@ pub use crate::data::dataset_layout::DatasetLayout;
 pub use crate::data::scan::Scan;
 pub use crate::export::exporters::{Content, Exporter};
 pub use crate::export::splat_file::{SplatFileError, SplatFileOptions};
-pub use crate::method::network::{Network, OneNetwork, Seen};
+pub use crate::method::network::{Network, OneNetwork, StepInput};
 pub use crate::method::{Counts, Method, Model, Saved, Training};
 pub use crate::metrics::metric::{Better, Metric, MetricDisplay, MetricFailure, MetricInput, Networks};
 pub use crate::model::encoder::{EncoderFactory, find_encoder};
@@ -36,7 +36,7 @@ use crate::method::METHODS;
 use crate::metrics::METRICS;
 use crate::model::defined_encoder::Defined;
 use crate::model::encoder::ENCODERS;
-use crate::segment::masks::registry::MASK_SOURCES;
+use crate::segment::masks::source::MASK_SOURCES;
 use crate::train::densify::RULES;
 use crate::train::losses::LOSS_TERMS;
 use crate::train::rate_schedule::SCHEDULES;
@@ -68,7 +68,7 @@ pub fn metric(name: &str, metric: impl Metric + 'static) {
 
 /// Registers a source of masks; `segment masks --source NAME`, `eval --segments --masks NAME` and `segments.masks = "NAME"`
 /// use it. It replaces a built-in source of that name. What it sees and returns of a picture is
-/// [`Seen`](crate::segment::masks::source::Seen) and [`Found`](crate::segment::masks::source::Found).
+/// [`MaskInput`](crate::segment::masks::source::MaskInput) and [`ScoredMask`](crate::segment::masks::source::ScoredMask).
 pub fn mask_source(name: &str, kind: impl MaskSourceKind + 'static) {
     MASK_SOURCES.insert(name, Box::new(kind));
 }

@@ -6,7 +6,7 @@ use volseggs::burn::tensor::activation::sigmoid;
 use volseggs::burn::tensor::{Device, Tensor, TensorData};
 use volseggs::config::types::Config;
 use volseggs::data::Dataset;
-use volseggs::extend::{Network, PinholeCamera, Seen};
+use volseggs::extend::{Network, PinholeCamera, StepInput};
 use volseggs::model::ToKernel;
 use volseggs::rng::{Purpose, Rng};
 
@@ -90,7 +90,7 @@ impl Network for Pixels {
     }
 
     /// Returns the mean squared error of one view.
-    fn loss(&self, network: &Layers, seen: &Seen<'_, usize>) -> [Tensor<1>; 2] {
+    fn loss(&self, network: &Layers, seen: &StepInput<'_, usize>) -> [Tensor<1>; 2] {
         let (images, views) = (&seen.split.images, seen.split.frames.len());
         let view = Rng::new(seen.config.seed, seen.step as u64, Purpose::Custom(2)).below(views);
         let frame = &seen.split.frames[view];

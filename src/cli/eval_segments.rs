@@ -15,7 +15,7 @@ use crate::memory::{Budget, product};
 use crate::metrics::lpips::Lpips;
 use crate::run::OpenRun;
 use crate::run::measure::MeasuredOn;
-use crate::segment::masks::registry;
+use crate::segment::masks::source;
 use clap::{Arg, Args, Command};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
@@ -77,7 +77,7 @@ impl SegmentFlags {
         }
         let on = MeasuredOn::open(run, data, SplitName::Test)?;
         let what = match options.masks.as_str() {
-            registry::DEFAULT => "segments".to_owned(),
+            source::DEFAULT => "segments".to_owned(),
             other => format!("segments-{other}"),
         };
         let folder = results(run, &on, &what, out, &KIND)?;
@@ -102,7 +102,7 @@ impl SegmentFlags {
     /// Checks that pictures for another program are not asked for together with a source of masks.
     fn check_mask_pictures(&self) -> Result<(), CliError> {
         let masks = &self.options.masks;
-        if self.mask_pictures.is_none() || masks == registry::DEFAULT {
+        if self.mask_pictures.is_none() || masks == source::DEFAULT {
             return Ok(());
         }
         Err(CliError::input(format!(

@@ -14,7 +14,7 @@ use crate::segment::masks::handout::{self, FILE, Handout};
 use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
 use crate::segment::masks::registry::{ChosenSource, SourceInput, SourceViews};
 use crate::segment::masks::sheet::overlay;
-use crate::segment::masks::source::{Found, Group};
+use crate::segment::masks::source::{Group, ScoredMask};
 use crate::segment::masks::store::MAX_VIEWS;
 use crate::segment::pictures::Picture;
 use crate::segment::segmentation::members_key;
@@ -277,7 +277,7 @@ fn make_error(error: MakeError) -> RunError {
     }
 }
 
-fn outlined(picture: &Picture, found: &[Found]) -> RgbImage {
+fn outlined(picture: &Picture, found: &[ScoredMask]) -> RgbImage {
     let masks: Vec<_> = found.iter().map(|f| f.mask.clone()).collect();
     overlay(to_rgb8(&picture.rgba, picture.width, picture.height), &masks)
 }

@@ -11,13 +11,13 @@ use crate::data::Camera;
 use crate::model::params::to_vec;
 use crate::model::{HostGaussians, Rendering, ToKernel};
 use crate::name::Name;
-use crate::segment::candidates::{Candidates, Found, Surroundings};
+use crate::segment::candidates::{CandidateCache, Candidates, SceneCache};
 use crate::segment::click::{heaviest, under};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::AffinitySpec;
 use crate::segment::levels::prepare;
 use crate::segment::nested::objects;
-use crate::segment::pick::{Meaning, PickError, PickOptions, Picked, meant, pick};
+use crate::segment::pick::{Granularity, PickError, PickOptions, Picked, meant, pick};
 use crate::segment::propagate::propagate;
 use crate::segment::segmentation::{Origin, Segment, Segmentation};
 use burn::tensor::Device;
@@ -77,9 +77,9 @@ pub struct Clicking {
     /// Positions `[N, 3]` at the time that the field was trained at.
     places: Vec<f32>,
     /// What was found out about the segments searched so far.
-    known: RefCell<BTreeMap<Option<Name>, Found>>,
+    known: RefCell<BTreeMap<Option<Name>, CandidateCache>>,
     /// What was found out about the whole scene.
-    around: Arc<Surroundings>,
+    around: Arc<SceneCache>,
     device: Device,
 }
 
@@ -229,7 +229,9 @@ impl Clicking {
             Some(name) => self.segments.get(name).map_err(RunError::input)?.members.clone(),
             None => (0..self.at.len() as u32).collect(),
         };
-        if hit.within.is_some() && (options.list || matches!(options.meaning, Meaning::Level(_) | Meaning::Kind(_))) {
+        if hit.within.is_some()
+            && (options.list || matches!(options.meaning, Granularity::Level(_) | Granularity::OfKind(_)))
+        {
             self.know_objects(field).map_err(RunError::failure)?;
         }
         let pick = |of: &Candidates<'_>| pick(of, hit.gaussian, options);
@@ -239,7 +241,9 @@ impl Clicking {
             other => RunError::failure(other),
         })?;
         match (options.meaning, picked.levels.len()) {
-            (Meaning::Level(n), count) if n >= count => Err(ClickError::Level { level: n.saturating_add(1), count }),
+            (Granularity::Level(n), count) if n >= count => {
+                Err(ClickError::Level { level: n.saturating_add(1), count })
+            }
             _ => Ok(picked),
         }
     }

@@ -2,7 +2,8 @@
 //! not tell when they are replaced.
 
 use crate::eval::segments::SegmentOptions;
-use crate::segment::masks::registry::{MASK_SOURCES, SourceOption};
+use crate::segment::masks::registry::SourceOption;
+use crate::segment::masks::source::MASK_SOURCES;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs::File;

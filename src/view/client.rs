@@ -11,7 +11,7 @@ use crate::name::Name;
 use crate::run::RunError;
 use crate::run::look::{Legend, Look, Prepared};
 use crate::run::pick::{ClickError, Hit, surface_point};
-use crate::segment::pick::{Meaning, PickOptions, Picked};
+use crate::segment::pick::{Granularity, PickOptions, Picked};
 use std::time::Instant;
 use tokio::sync::mpsc::Sender;
 
@@ -293,7 +293,7 @@ impl Client {
             .map(|(_, c)| &c.picked.levels)
             .filter(|_| matches!(meaning, Some(RequestedGranularity::By { .. })));
         let list = known.is_none();
-        let options = PickOptions { meaning: meaning.map_or(Meaning::Likeliest, Into::into), list };
+        let options = PickOptions { meaning: meaning.map_or(Granularity::Likeliest, Into::into), list };
         let mut picked = clicking.select(&hit, &options)?;
         if let Some(levels) = known {
             picked.levels.clone_from(levels);
@@ -324,7 +324,7 @@ fn usable(space: &Workspace, view: &View) -> View {
     }
 }
 
-impl From<RequestedGranularity> for Meaning {
+impl From<RequestedGranularity> for Granularity {
     fn from(requested: RequestedGranularity) -> Self {
         match requested {
             RequestedGranularity::Level(n) => Self::Level(n.get() - 1),

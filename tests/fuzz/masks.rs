@@ -7,7 +7,7 @@ use std::path::Path;
 use volseggs::model::ToKernel;
 use volseggs::segment::masks::handout::{self, Handout};
 use volseggs::segment::masks::source::dir::Foreign;
-use volseggs::segment::masks::source::{MaskSource, Seen};
+use volseggs::segment::masks::source::{MaskInput, MaskSource};
 use volseggs::segment::masks::{Annotation, Header, Mask, MaskReader, MaskWriter, View, rle};
 use volseggs::segment::pictures::Picture;
 
@@ -102,7 +102,7 @@ fn foreign(path: &Path) -> Option<usize> {
     let mut count = 0;
     let picture = picture();
     for (group, view) in [(0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (0, 2)] {
-        let seen = Seen { view, group, picture: &picture, front: None };
+        let seen = MaskInput { view, group, picture: &picture, front: None };
         for found in accepted(source.find(&seen)).unwrap_or_default() {
             mask(&found.mask, &square());
             assert!(found.predicted_iou.is_finite());

@@ -80,7 +80,7 @@ pub trait Network: Clone + Debug + Send + Sync + 'static {
     fn network(&self, spec: &Self::Spec, seed: u64, device: &Device) -> Self::Module;
 
     /// The loss of a step, `[1]`, and the mean squared error of its colours, `[1]`, for PSNR.
-    fn loss(&self, network: &Self::Module, seen: &Seen<'_, Self::Spec>) -> [Tensor<1>; 2];
+    fn loss(&self, network: &Self::Module, seen: &StepInput<'_, Self::Spec>) -> [Tensor<1>; 2];
 
     /// Learning rate of a parameter by its name (its path in the module) at a step, from 0; `None` if it is not trained
     /// then.
@@ -102,7 +102,7 @@ pub trait Network: Clone + Debug + Send + Sync + 'static {
 
 /// The inputs of the loss of a step.
 #[derive(Debug)]
-pub struct Seen<'a, S> {
+pub struct StepInput<'a, S> {
     /// The network's spec.
     pub spec: &'a S,
     /// The configuration.
@@ -250,7 +250,7 @@ impl<N: Network> Training for Fit<N> {
         let (step, mut times) = (self.step, StepTimes::default());
         let Drawer { method, module, spec, background, device } = &mut self.drawer;
         let loss = timed(&mut times.deform, || {
-            let seen = Seen { spec, config: &self.config, split, background: *background, step, device };
+            let seen = StepInput { spec, config: &self.config, split, background: *background, step, device };
             let [loss, squared] = method.loss(module, &seen);
             self.watch.check(step, &loss, || squared).map(|()| loss)
         })?;

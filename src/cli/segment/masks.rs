@@ -13,9 +13,8 @@ use crate::log::progress;
 use crate::run::OpenRun;
 use crate::run::cameras::check_lens;
 use crate::run::masks::{Made, MaskPlan, MaskRequest, make, write_pictures};
-use crate::segment::masks::registry::{
-    self, ChooseSourceError, ChosenSource, MASK_SOURCES, SourceOption, SourceOptions, SourceViews,
-};
+use crate::segment::masks::registry::{ChooseSourceError, ChosenSource, SourceOption, SourceOptions, SourceViews};
+use crate::segment::masks::source::{self, MASK_SOURCES};
 use crate::shell;
 use clap::Args;
 use std::path::PathBuf;
@@ -33,7 +32,7 @@ pub struct MasksArgs {
     #[arg(long = "segment", value_name = "NAME")]
     segments: Vec<String>,
     /// How masks are found.
-    #[arg(long, value_parser = mask_source_names(), default_value = registry::DEFAULT)]
+    #[arg(long, value_parser = mask_source_names(), default_value = source::DEFAULT)]
     source: String,
     /// Number of views on a Fibonacci sphere [default: 30]; for labels: number of the dataset's training views at that
     /// time, all if not given, with its test views at that time if there are fewer.
@@ -147,7 +146,7 @@ impl MasksArgs {
             }
             Ok(SourceViews::Around) | Err(_) => {}
         }
-        if self.pictures && name != registry::DEFAULT {
+        if self.pictures && name != source::DEFAULT {
             return Err(CliError::input("--pictures makes no masks; omit --source, and give it once the masks exist"));
         }
         let flag = |option| match option {

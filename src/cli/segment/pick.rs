@@ -15,8 +15,8 @@ use crate::run::cameras::check_lens;
 use crate::run::pick::{ClickError, Clicking, Hit, commit};
 use crate::run::segments::RunSegments;
 use crate::run::{OpenRun, affinity};
-use crate::segment::levels::{Kind, Level};
-use crate::segment::pick::{Meaning, PickOptions};
+use crate::segment::levels::{Level, LevelKind};
+use crate::segment::pick::{Granularity, PickOptions};
 use clap::Args;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -51,7 +51,7 @@ pub struct PickArgs {
     /// segment at the click), `part` (the clicked part of a piece that has several), `segment` (all of it), `object`
     /// (the clicked part with what belongs to it of other segments, such as a core with its shell).
     #[arg(long, value_name = "N|KIND", value_parser = level, conflicts_with_all = ["scale", "threshold"])]
-    level: Option<Meaning>,
+    level: Option<Granularity>,
     /// Mask scale in [0, 1], from small parts to large ones, instead of a level.
     #[arg(long, value_parser = fraction_f32)]
     scale: Option<f32>,
@@ -101,7 +101,7 @@ struct Report {
 #[derive(Serialize)]
 struct Shown {
     /// What makes its Gaussians one.
-    kind: Kind,
+    kind: LevelKind,
     /// Mask scale in [0, 1], if it is the affinity.
     scale: Option<f32>,
     /// Minimum cosine of a member, if it is the affinity.
@@ -117,7 +117,7 @@ struct Shown {
 impl Shown {
     fn of(level: &Level) -> Self {
         let Level { kind, share, .. } = *level;
-        let similar = kind == Kind::Similar;
+        let similar = kind == LevelKind::Similar;
         Self {
             kind,
             scale: similar.then_some(level.scale),
@@ -130,22 +130,22 @@ impl Shown {
 }
 
 /// Parses the number of a level, from 1, or its kind.
-fn level(text: &str) -> Result<Meaning, String> {
-    let kind = Kind::SPATIAL.into_iter().find(|kind| kind.name() == text);
-    let number = || count(text).map(|n| Meaning::Level(n - 1));
-    kind.map(Meaning::Kind).map_or_else(number, Ok).map_err(|_| {
-        let names = Kind::SPATIAL.map(Kind::name).join(", ");
+fn level(text: &str) -> Result<Granularity, String> {
+    let kind = LevelKind::SPATIAL.into_iter().find(|kind| kind.name() == text);
+    let number = || count(text).map(|n| Granularity::Level(n - 1));
+    kind.map(Granularity::OfKind).map_or_else(number, Ok).map_err(|_| {
+        let names = LevelKind::SPATIAL.map(LevelKind::name).join(", ");
         format!("expected a whole number, at least 1, or one of {names}")
     })
 }
 
 impl PickArgs {
     /// The meaning of the click according to the options.
-    fn meaning(&self, levels: &LevelsConfig) -> Meaning {
+    fn meaning(&self, levels: &LevelsConfig) -> Granularity {
         match (self.level, self.scale, self.threshold) {
             (Some(level), _, _) => level,
-            (None, None, None) => Meaning::Likeliest,
-            (None, s, t) => Meaning::By { scale: s.unwrap_or(levels.scale), threshold: t.unwrap_or(levels.cosine) },
+            (None, None, None) => Granularity::Likeliest,
+            (None, s, t) => Granularity::By { scale: s.unwrap_or(levels.scale), threshold: t.unwrap_or(levels.cosine) },
         }
     }
 
@@ -239,7 +239,7 @@ impl PickArgs {
             let level = report.level.map_or(String::new(), |n| format!("level {n} of {}, ", report.levels.len()));
             let (scale, threshold) = (picked.scale, picked.threshold);
             let by = match picked.kind {
-                Kind::Similar => format!("scale {scale:.2}, cosine {threshold:.3}"),
+                LevelKind::Similar => format!("scale {scale:.2}, cosine {threshold:.3}"),
                 kind => kind.name().to_owned(),
             };
             let (click, carry) = (1e3 * report.seconds, 1e3 * report.carry_seconds);

@@ -10,8 +10,9 @@ use crate::data::paths::Axis;
 use crate::numbers::{cosine_f32, count, fraction_f32};
 use crate::segment::baselines::saga::SagaOptions;
 use crate::segment::masks::registry::{
-    self, ChooseSourceError, ChosenSource, DEFAULT_POINTS, MASK_SOURCES, SourceOption, SourceOptions, SourceViews,
+    ChooseSourceError, ChosenSource, DEFAULT_POINTS, SourceOption, SourceOptions, SourceViews,
 };
+use crate::segment::masks::source::{self, MASK_SOURCES};
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{ArgAction, Args};
 use serde::{Deserialize, Serialize};
@@ -40,7 +41,7 @@ pub struct SegmentOptions {
     #[serde(rename = "method", with = "one_method", default = "one_method::default")]
     pub methods: Vec<Method>,
     /// Source of the masks.
-    #[arg(long, value_parser = mask_source_names(), default_value = registry::DEFAULT)]
+    #[arg(long, value_parser = mask_source_names(), default_value = source::DEFAULT)]
     pub masks: String,
     /// For dir: the folder of masks, GROUP/VIEW_NUMBER.png, or the COCO file.
     // the runs of a sweep share them, so they suit methods whose group is the whole scene, `scene`
@@ -118,7 +119,7 @@ impl Default for SegmentOptions {
     fn default() -> Self {
         Self {
             methods: Method::ALL.to_vec(),
-            masks: registry::DEFAULT.to_owned(),
+            masks: source::DEFAULT.to_owned(),
             mask_dir: None,
             sam_weights: None,
             sam_points: DEFAULT_POINTS,

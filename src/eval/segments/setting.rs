@@ -4,7 +4,7 @@ use super::method::Method;
 use crate::config::types::SegmentConfig;
 use crate::config::types::segment::ColourSpace;
 use crate::segment::baselines::sagd::{MaskChoice, SagdOptions};
-use crate::segment::pick::{Meaning, PickOptions, SagaPick};
+use crate::segment::pick::{Granularity, PickOptions, SagaPick};
 use std::fmt;
 
 /// Number of the oracle's tries for every method.
@@ -89,7 +89,7 @@ impl Setting {
             Method::Fine | Method::CoarseFine if i == 0 => Self::Field(PickOptions::default()),
             Method::Fine | Method::CoarseFine => {
                 let (scale, threshold) = by_hand(i);
-                Self::Field(PickOptions { meaning: Meaning::By { scale, threshold }, ..PickOptions::default() })
+                Self::Field(PickOptions { meaning: Granularity::By { scale, threshold }, ..PickOptions::default() })
             }
             Method::Saga => {
                 let (scale, cosine) = by_hand(i);
@@ -123,10 +123,10 @@ impl fmt::Display for Setting {
                 }
             }
             Self::Field(p) => match p.meaning {
-                Meaning::Likeliest => f.write_str("the likeliest level"),
-                Meaning::Level(level) => write!(f, "level {}", level + 1),
-                Meaning::Kind(kind) => write!(f, "level {}", kind.name()),
-                Meaning::By { scale, threshold } => write!(f, "scale {scale}, cosine {threshold}"),
+                Granularity::Likeliest => f.write_str("the likeliest level"),
+                Granularity::Level(level) => write!(f, "level {}", level + 1),
+                Granularity::OfKind(kind) => write!(f, "level {}", kind.name()),
+                Granularity::By { scale, threshold } => write!(f, "scale {scale}, cosine {threshold}"),
             },
             Self::Saga(p) => write!(f, "scale {}, similarity {:.3}", p.scale, p.threshold),
             Self::Sagd(s) => {

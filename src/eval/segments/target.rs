@@ -128,7 +128,7 @@ fn followed(truth: &Truth, ids: &[u16], clicked: f64) -> Option<Vec<TruthFrame>>
 mod tests {
     use super::*;
     use crate::data::Normalisation;
-    use crate::data::lineage::{Change, Turn};
+    use crate::data::lineage::{Change, LineageEvent};
     use crate::data::truth::{SegmentEntry, SegmentFile, SegmentFrame};
 
     fn truth() -> Truth {
@@ -191,7 +191,7 @@ mod tests {
         let mut truth = truth();
         let Truth { file, .. } = &mut truth;
         file.segments.truncate(2);
-        file.lineage.push(Turn { time: 0.4, segment: 1, change: Change::Ended, other: Some(2) });
+        file.lineage.push(LineageEvent { time: 0.4, segment: 1, change: Change::Ended, other: Some(2) });
         let times = |clicked| -> Vec<Vec<(f64, usize)>> {
             let found = targets(&truth, &[], &[], clicked).unwrap();
             found.iter().map(|t| t.frames.iter().map(|f| (f.time, f.segments())).collect()).collect()

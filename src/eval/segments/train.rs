@@ -23,7 +23,7 @@ use crate::segment::masks::MaskReader;
 use crate::segment::masks::handout::write_pictures;
 use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
 use crate::segment::masks::registry::{ChosenSource, SourceInput, SourceViews};
-use crate::segment::masks::source::{Found, Group, MaskSource, Seen, SourceError};
+use crate::segment::masks::source::{Group, MaskInput, MaskSource, ScoredMask, SourceError};
 use burn::tensor::Device;
 use std::collections::HashMap;
 use std::path::Path;
@@ -291,8 +291,8 @@ impl MaskSource for Shifted {
         self.inner.name()
     }
 
-    fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError> {
-        self.inner.find(&Seen { group: self.first + seen.group, ..*seen })
+    fn find(&self, seen: &MaskInput<'_>) -> Result<Vec<ScoredMask>, SourceError> {
+        self.inner.find(&MaskInput { group: self.first + seen.group, ..*seen })
     }
 
     fn needs_front(&self) -> bool {

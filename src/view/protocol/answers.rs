@@ -4,7 +4,7 @@ use crate::data::Calibration;
 use crate::run::cameras::Placed;
 use crate::run::keyframes::{Key, SavedPath};
 use crate::run::look::Legend;
-use crate::segment::levels::Kind;
+use crate::segment::levels::LevelKind;
 use crate::view::jobs::board::JobState;
 use crate::view::tracks::Track;
 use crate::view::training::Training;
@@ -194,7 +194,7 @@ pub struct SegmentRow {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct LevelOffer {
     /// What makes its Gaussians one.
-    pub kind: Kind,
+    pub kind: LevelKind,
     /// Its share of what the scene shows.
     pub share: f64,
 }

@@ -2,7 +2,7 @@
 
 use super::network::{INPUTS, OUTPUTS, SineNetwork, parameters, values_per_pixel};
 use super::settings::CoordNetConfig;
-use crate::network::{Network, Seen};
+use crate::network::{Network, StepInput};
 use crate::pixels::Pixels;
 use crate::sphere::ViewSphere;
 use crate::{Work, ignored};
@@ -88,7 +88,7 @@ impl Network for CoordNet {
     }
 
     /// The mean squared difference of the colours of the step's pixels, which span 2 here, plus the weight decay.
-    fn loss(&self, network: &SineNetwork, seen: &Seen<'_, CoordNetSpec>) -> [Tensor<1>; 2] {
+    fn loss(&self, network: &SineNetwork, seen: &StepInput<'_, CoordNetSpec>) -> [Tensor<1>; 2] {
         let (settings, images) = (&seen.spec.config, &seen.split.images);
         let size = [images.width as usize, images.height as usize];
         let view = |f: &Frame| view_inputs(&seen.spec.sphere, &f.camera.to_kernel(), f.time as f32);

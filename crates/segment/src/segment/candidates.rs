@@ -25,7 +25,7 @@ const MORE_CACHED: usize = 2;
 
 /// Cached results about candidates, see [`Candidates::with_found`].
 #[derive(Debug, Default)]
-pub struct Found {
+pub struct CandidateCache {
     /// Encoded positions `[M, 24]`.
     encoded: OnceCell<Vec<f32>>,
     /// Unit features `[M, 16]` by scale, the most recently used last.
@@ -35,7 +35,7 @@ pub struct Found {
     parts: RefCell<BTreeMap<u32, Arc<Vec<u32>>>>,
 }
 
-impl Found {
+impl CandidateCache {
     /// Keeps what also holds for the same candidates at another time: encoded positions and features.
     #[must_use]
     pub fn at_another_time(self) -> Self {
@@ -45,7 +45,7 @@ impl Found {
 
 /// Cached results about all Gaussians at one time, whatever is searched, see [`Candidates::with_surroundings`].
 #[derive(Debug, Default)]
-pub struct Surroundings {
+pub struct SceneCache {
     pieces: OnceLock<Components>,
     /// What each Gaussian shows, `[N]`, see [`Candidates::shown`].
     shown: OnceLock<Vec<f64>>,
@@ -55,7 +55,7 @@ pub struct Surroundings {
     objects: OnceLock<Vec<u32>>,
 }
 
-impl Surroundings {
+impl SceneCache {
     /// Makes the objects known, `[N]`, that parts of several segments form, see [`super::nested`]. They are `found` if they
     /// are not known yet.
     ///
@@ -84,8 +84,8 @@ pub struct Candidates<'a> {
     pub whole: bool,
     /// The options of all rules.
     pub config: &'a SegmentConfig,
-    found: Found,
-    around: Arc<Surroundings>,
+    found: CandidateCache,
+    around: Arc<SceneCache>,
 }
 
 impl<'a> Candidates<'a> {
@@ -102,7 +102,17 @@ impl<'a> Candidates<'a> {
         config: &'a SegmentConfig,
     ) -> Self {
         let whole = within.len() == at.len();
-        Self { field, frame, places, at, within, whole, config, found: Found::default(), around: Arc::default() }
+        Self {
+            field,
+            frame,
+            places,
+            at,
+            within,
+            whole,
+            config,
+            found: CandidateCache::default(),
+            around: Arc::default(),
+        }
     }
 
     /// Sets whether the candidates are a segment, which may hold every Gaussian, or the whole scene.
@@ -114,20 +124,20 @@ impl<'a> Candidates<'a> {
 
     /// Reuses what [`Self::into_found`] returned for exactly the same arguments.
     #[must_use]
-    pub fn with_found(mut self, found: Found) -> Self {
+    pub fn with_found(mut self, found: CandidateCache) -> Self {
         self.found = found;
         self
     }
 
     /// Shares the results about all Gaussians with other candidates among the same Gaussians `at`.
     #[must_use]
-    pub fn with_surroundings(mut self, around: Arc<Surroundings>) -> Self {
+    pub fn with_surroundings(mut self, around: Arc<SceneCache>) -> Self {
         self.around = around;
         self
     }
 
     /// Returns the results computed so far.
-    pub fn into_found(self) -> Found {
+    pub fn into_found(self) -> CandidateCache {
         self.found
     }
 
@@ -179,7 +189,7 @@ impl<'a> Candidates<'a> {
     }
 
     /// Returns all Gaussians, candidates or not, ascending, that are one object with the Gaussian `clicked`: those of its
-    /// parts in all segments, if these are [known](Surroundings::know_objects), or else everything visible that is
+    /// parts in all segments, if these are [known](SceneCache::know_objects), or else everything visible that is
     /// connected with it. None if `clicked` is not visible.
     ///
     /// # Errors
@@ -309,7 +319,7 @@ mod tests {
         let within: Vec<u32> = (0..at.len() as u32).filter(|i| i % 3 > 0).collect();
         let config = SegmentConfig::default();
         let new = || Candidates::new(&field, &frame, &at.means, &at, &within, &config);
-        let mut found = Found::default();
+        let mut found = CandidateCache::default();
         // more scales than are cached
         for n in 0..20 {
             let scale = 0.1 * (n % 8) as f32;

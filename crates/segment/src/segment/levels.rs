@@ -26,7 +26,7 @@ const PIECES: usize = 8;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "LevelKind")]
-pub enum Kind {
+pub enum LevelKind {
     /// Their affinity with the clicked one.
     #[default]
     Similar,
@@ -40,7 +40,7 @@ pub enum Kind {
     Object,
 }
 
-impl Kind {
+impl LevelKind {
     /// The kinds that need no affinity, from parts to wholes.
     pub const SPATIAL: [Self; 4] = [Self::Part, Self::Piece, Self::Segment, Self::Object];
 
@@ -60,12 +60,12 @@ impl Kind {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Level {
     /// What makes its Gaussians one.
-    pub kind: Kind,
-    /// Mask scale in [0, 1]; 1 unless it is [`Kind::Similar`].
+    pub kind: LevelKind,
+    /// Mask scale in [0, 1]; 1 unless it is [`LevelKind::Similar`].
     pub scale: f32,
-    /// Minimum cosine with the clicked Gaussian; -1 unless it is [`Kind::Similar`].
+    /// Minimum cosine with the clicked Gaussian; -1 unless it is [`LevelKind::Similar`].
     pub threshold: f32,
-    /// Fraction of its weight, in (0, 1], that remains if the cosine rises by 0.05; 1 unless it is [`Kind::Similar`].
+    /// Fraction of its weight, in (0, 1], that remains if the cosine rises by 0.05; 1 unless it is [`LevelKind::Similar`].
     pub stability: f64,
     /// Its fraction of what the whole scene shows, in [0, 1].
     pub share: f64,
@@ -94,9 +94,9 @@ pub fn levels(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), 
             });
             level.kind
         }
-        None => Kind::Similar,
+        None => LevelKind::Similar,
     };
-    let mut at = if likeliest == Kind::Similar { best } else { 0 };
+    let mut at = if likeliest == LevelKind::Similar { best } else { 0 };
     for level in spatial.into_iter().chain(wholes) {
         let place = found.partition_point(|l| l.members.len() <= level.members.len());
         if level.kind == likeliest {
@@ -164,7 +164,7 @@ fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize),
         let like = of.alike(position, scale, threshold);
         let members: Vec<u32> = within.iter().zip(like).filter(|(_, like)| *like).map(|(&i, _)| i).collect();
         let share = of.share(members.iter().map(|&i| shown[i as usize]).sum());
-        return Ok((vec![Level { kind: Kind::Similar, scale, threshold, stability: 1.0, share, members }], 0));
+        return Ok((vec![Level { kind: LevelKind::Similar, scale, threshold, stability: 1.0, share, members }], 0));
     }
     let mut found: Vec<Level> = Vec::new();
     for &scale in &config.scales {
@@ -176,7 +176,7 @@ fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize),
             let members: Vec<u32> = within.iter().enumerate().filter(like).map(|(_, &i)| i).collect();
             // of the candidates, by which the likeliest is found
             let share = (sizes[k] / total).min(1.0);
-            let level = Level { kind: Kind::Similar, scale, threshold, stability, share, members };
+            let level = Level { kind: LevelKind::Similar, scale, threshold, stability, share, members };
             match found.iter_mut().find(|l| overlap(&l.members, &level.members) >= config.alike) {
                 Some(same) if same.stability < level.stability => *same = level,
                 Some(_) => {}
@@ -191,7 +191,7 @@ fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize),
 }
 
 /// Returns a level that needs no affinity.
-fn level_of(of: &Candidates<'_>, kind: Kind, members: Vec<u32>) -> Level {
+fn level_of(of: &Candidates<'_>, kind: LevelKind, members: Vec<u32>) -> Level {
     let shown = of.shown();
     let share = of.share(members.iter().map(|&i| shown[i as usize]).sum());
     Level { kind, scale: 1.0, threshold: -1.0, stability: 1.0, share, members }
@@ -199,8 +199,8 @@ fn level_of(of: &Candidates<'_>, kind: Kind, members: Vec<u32>) -> Level {
 
 /// Returns the levels that may be more than the piece: the segment, unless the whole scene is searched, and the object.
 fn wholes(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
-    let segment = Some(of.within.to_vec()).filter(|_| !of.whole).map(|all| (Kind::Segment, all));
-    let object = Some(of.object(clicked)?).filter(|all| !all.is_empty()).map(|all| (Kind::Object, all));
+    let segment = Some(of.within.to_vec()).filter(|_| !of.whole).map(|all| (LevelKind::Segment, all));
+    let object = Some(of.object(clicked)?).filter(|all| !all.is_empty()).map(|all| (LevelKind::Object, all));
     Ok(segment.into_iter().chain(object).map(|(kind, members)| level_of(of, kind, members)).collect())
 }
 
@@ -220,8 +220,8 @@ fn in_space(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> 
     let parts = of.parts(mine, &piece)?;
     let own = piece.binary_search(&clicked).map_or(1, |k| parts[k]);
     let part: Vec<u32> = piece.iter().zip(parts.iter()).filter(|(_, p)| **p == own).map(|(&i, _)| i).collect();
-    let part = Some(part).filter(|part| part.len() < piece.len()).map(|part| level_of(of, Kind::Part, part));
-    Ok(part.into_iter().chain([level_of(of, Kind::Piece, piece)]).collect())
+    let part = Some(part).filter(|part| part.len() < piece.len()).map(|part| level_of(of, LevelKind::Part, part));
+    Ok(part.into_iter().chain([level_of(of, LevelKind::Piece, piece)]).collect())
 }
 
 fn cosine(k: usize, config: &LevelsConfig) -> f32 {

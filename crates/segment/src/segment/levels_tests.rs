@@ -7,7 +7,7 @@ use crate::device::DeviceName;
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::network::Frame;
 use crate::segment::fine::train::train;
-use crate::segment::pick::{Meaning, PickOptions, pick};
+use crate::segment::pick::{Granularity, PickOptions, pick};
 use crate::segment::test_support::{APART, COUNT, surfaces};
 
 #[test]
@@ -31,15 +31,15 @@ fn a_click_on_a_ball_selects_it_and_pick_uses_the_same_levels() {
         assert!(found.is_sorted_by_key(|l| l.members.len()));
         let Level { scale, threshold, .. } = found[likeliest];
         let take = |meaning, list| pick(&of(&all), clicked, &PickOptions { meaning, list }).unwrap();
-        let by_hand = Meaning::By { scale, threshold };
+        let by_hand = Granularity::By { scale, threshold };
         assert_eq!(take(by_hand, false).members, found[likeliest].members);
         assert_eq!(take(by_hand, true).levels, found);
-        assert_eq!(take(Meaning::Likeliest, false).members, found[likeliest].members);
-        let picked = take(Meaning::Likeliest, true);
+        assert_eq!(take(Granularity::Likeliest, false).members, found[likeliest].members);
+        let picked = take(Granularity::Likeliest, true);
         assert_eq!((picked.level, &picked.members), (Some(likeliest), &found[likeliest].members));
         assert_eq!(picked.levels, found);
-        assert_eq!(take(Meaning::Level(likeliest), false).members, found[likeliest].members);
-        assert_eq!(take(Meaning::Level(99), false).level, Some(found.len() - 1), "there are no more");
+        assert_eq!(take(Granularity::Level(likeliest), false).members, found[likeliest].members);
+        assert_eq!(take(Granularity::Level(99), false).level, Some(found.len() - 1), "there are no more");
         assert_eq!(levels(&of(&all), clicked).unwrap(), (found, likeliest), "the same levels again");
     }
     assert!(levels(&of(&all[1..]), 0).is_err());
@@ -48,11 +48,11 @@ fn a_click_on_a_ball_selects_it_and_pick_uses_the_same_levels() {
     let most = &all[..COUNT + COUNT / 2];
     let (found, likeliest) = levels(&of(most), 31).unwrap();
     assert!(
-        found[likeliest].kind == Kind::Piece && overlap(&found[likeliest].members, balls[0]) > 0.95,
+        found[likeliest].kind == LevelKind::Piece && overlap(&found[likeliest].members, balls[0]) > 0.95,
         "{:?}",
         found[likeliest]
     );
-    let options = PickOptions { meaning: Meaning::Likeliest, list: true };
+    let options = PickOptions { meaning: Granularity::Likeliest, list: true };
     let picked = pick(&of(most), 31, &options).unwrap();
     assert_eq!((picked.level, &picked.members), (Some(likeliest), &found[likeliest].members));
     let alone = pick(&of(most), 31, &PickOptions { list: false, ..options }).unwrap();
@@ -71,9 +71,9 @@ fn a_click_on_one_of_two_touching_beads_selects_it_and_a_higher_level_has_both()
         let own: Vec<u32> = within.iter().copied().filter(|&i| bead_of[i as usize] == bead).collect();
         let clicked = own[own.len() / 2];
         let (found, n) = levels(&of, clicked).unwrap();
-        assert!(found[n].kind == Kind::Part && overlap(&found[n].members, &own) > 0.9, "{bead}");
+        assert!(found[n].kind == LevelKind::Part && overlap(&found[n].members, &own) > 0.9, "{bead}");
         assert!(
-            found[n + 1..].iter().any(|l| l.kind == Kind::Piece && l.members == within),
+            found[n + 1..].iter().any(|l| l.kind == LevelKind::Piece && l.members == within),
             "both together are a level too"
         );
         assert_eq!(likeliest(&of, clicked).unwrap(), found[n]);
@@ -88,12 +88,12 @@ fn a_segment_of_all_gaussians_has_pieces_and_the_whole_scene_has_none() {
     let all: Vec<u32> = (0..at.len() as u32).collect();
     let of = |segment| Candidates::new(&field, &frame, &at.means, &at, &all, &config).of_segment(segment);
     let (found, n) = levels(&of(true), 31).unwrap();
-    assert!(found[n].kind == Kind::Piece && likeliest(&of(true), 31).unwrap() == found[n]);
+    assert!(found[n].kind == LevelKind::Piece && likeliest(&of(true), 31).unwrap() == found[n]);
     assert!(
-        found.iter().any(|l| l.kind == Kind::Piece && overlap(&l.members, &all[..COUNT]) > 0.9),
+        found.iter().any(|l| l.kind == LevelKind::Piece && overlap(&l.members, &all[..COUNT]) > 0.9),
         "the clicked ball"
     );
-    assert!(levels(&of(false), 31).unwrap().0.iter().all(|l| matches!(l.kind, Kind::Similar | Kind::Object)));
+    assert!(levels(&of(false), 31).unwrap().0.iter().all(|l| matches!(l.kind, LevelKind::Similar | LevelKind::Object)));
 }
 
 #[test]
@@ -109,18 +109,23 @@ fn the_whole_segment_and_all_that_is_connected_are_levels_too() {
     let of = Candidates::new(&field, &frame, &at.means, &at, &within, &config);
     let clicked = balls(&[0])[7];
     let take = |meaning| pick(&of, clicked, &PickOptions { meaning, ..PickOptions::default() });
-    for (kind, expected) in [(Kind::Piece, vec![0]), (Kind::Segment, vec![0, 2]), (Kind::Object, vec![0, 1])] {
-        let picked = take(Meaning::Kind(kind)).unwrap();
+    for (kind, expected) in
+        [(LevelKind::Piece, vec![0]), (LevelKind::Segment, vec![0, 2]), (LevelKind::Object, vec![0, 1])]
+    {
+        let picked = take(Granularity::OfKind(kind)).unwrap();
         assert_eq!((picked.kind, picked.members), (kind, balls(&expected)));
     }
-    let likeliest = take(Meaning::Likeliest).unwrap();
-    assert_eq!((likeliest.kind, likeliest.members), (Kind::Piece, balls(&[0])));
+    let likeliest = take(Granularity::Likeliest).unwrap();
+    assert_eq!((likeliest.kind, likeliest.members), (LevelKind::Piece, balls(&[0])));
     let (found, n) = levels(&of, clicked).unwrap();
-    assert_eq!(found[n].kind, Kind::Piece);
+    assert_eq!(found[n].kind, LevelKind::Piece);
     assert!(found.is_sorted_by_key(|l| l.members.len()));
     let shown = |kind| found.iter().find(|l| l.kind == kind).unwrap().share;
-    assert!(shown(Kind::Object) > shown(Kind::Segment) && shown(Kind::Segment) > shown(Kind::Piece), "in the scene");
-    let error = take(Meaning::Kind(Kind::Part)).unwrap_err().to_string();
+    assert!(
+        shown(LevelKind::Object) > shown(LevelKind::Segment) && shown(LevelKind::Segment) > shown(LevelKind::Piece),
+        "in the scene"
+    );
+    let error = take(Granularity::OfKind(LevelKind::Part)).unwrap_err().to_string();
     assert!(error.contains("no part") && error.contains("piece, segment, object"), "{error}");
 }
 

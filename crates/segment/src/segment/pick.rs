@@ -6,7 +6,7 @@
 use super::baselines::saga::SagaModel;
 use super::candidates::Candidates;
 use super::click::heaviest;
-use super::levels::{Kind, Level, levels, likeliest};
+use super::levels::{Level, LevelKind, levels, likeliest};
 use super::pieces::without_strays;
 use super::place::PlaceError;
 use crate::points::PointsError;
@@ -15,14 +15,14 @@ use std::ops::RangeInclusive;
 
 /// How much of the surroundings of a click is meant.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Meaning {
+pub enum Granularity {
     /// The likeliest of the available levels, see [`levels`].
     #[default]
     Likeliest,
     /// The level at this index, from 0, the smallest; the largest if there are fewer.
     Level(usize),
     /// The level of this kind, the largest of several.
-    Kind(Kind),
+    OfKind(LevelKind),
     /// Set by the user.
     By {
         /// Mask scale in [0, 1], from small parts to large ones.
@@ -32,7 +32,7 @@ pub enum Meaning {
     },
 }
 
-impl Meaning {
+impl Granularity {
     /// Refuses numbers that mean nothing.
     fn check(self) -> Result<(), PickError> {
         let Self::By { scale, threshold } = self else { return Ok(()) };
@@ -49,7 +49,7 @@ impl Meaning {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PickOptions {
     /// How much is selected.
-    pub meaning: Meaning,
+    pub meaning: Granularity,
     /// Whether to find all levels, even if the selection does not need them.
     pub list: bool,
 }
@@ -64,7 +64,7 @@ pub struct Picked {
     /// The threshold that was used.
     pub threshold: f32,
     /// What makes the members one.
-    pub kind: Kind,
+    pub kind: LevelKind,
     /// The available levels, from small to large, if they were computed.
     pub levels: Vec<Level>,
     /// Index of the level that was used.
@@ -106,9 +106,9 @@ pub enum PickError {
     #[error("there is no {} at this click, only {}", .kind.name(), words(.has))]
     NoLevel {
         /// The kind.
-        kind: Kind,
+        kind: LevelKind,
         /// Those that there are, from small to large.
-        has: Vec<Kind>,
+        has: Vec<LevelKind>,
     },
     /// The connected pieces cannot be found.
     #[error(transparent)]
@@ -119,7 +119,7 @@ pub enum PickError {
 }
 
 /// Each of `kinds` once.
-fn words(kinds: &[Kind]) -> String {
+fn words(kinds: &[LevelKind]) -> String {
     let mut words: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
     words.dedup();
     words.join(", ")
@@ -163,16 +163,16 @@ pub fn pick(of: &Candidates<'_>, clicked: u32, options: &PickOptions) -> Result<
         Picked { members, scale, threshold, ..Picked::default() }
     };
     let mut picked = match options.meaning {
-        Meaning::By { scale, threshold } => {
+        Granularity::By { scale, threshold } => {
             let found = if options.list { levels(of, clicked)?.0 } else { Vec::new() };
             Picked { levels: found, ..by_hand((scale, threshold)) }
         }
-        Meaning::Likeliest if !options.list => likeliest(of, clicked)?.into(),
-        Meaning::Likeliest | Meaning::Level(_) | Meaning::Kind(_) => {
+        Granularity::Likeliest if !options.list => likeliest(of, clicked)?.into(),
+        Granularity::Likeliest | Granularity::Level(_) | Granularity::OfKind(_) => {
             let (found, likeliest) = levels(of, clicked)?;
             let level = match options.meaning {
-                Meaning::Level(n) => n.min(found.len() - 1),
-                Meaning::Kind(kind) => {
+                Granularity::Level(n) => n.min(found.len() - 1),
+                Granularity::OfKind(kind) => {
                     let has = || found.iter().map(|level| level.kind).collect();
                     let place = found.iter().rposition(|level| level.kind == kind);
                     place.ok_or_else(|| PickError::NoLevel { kind, has: has() })?
@@ -185,7 +185,7 @@ pub fn pick(of: &Candidates<'_>, clicked: u32, options: &PickOptions) -> Result<
     };
     // only the affinity can select what does not touch the rest by mistake
     let pieces = &of.config.pieces;
-    if pieces.strays && picked.kind == Kind::Similar {
+    if pieces.strays && picked.kind == LevelKind::Similar {
         picked.members = without_strays(of.at, &picked.members, Some(clicked), pieces)?;
     }
     Ok(picked)
@@ -256,7 +256,7 @@ mod tests {
         let config = SegmentConfig { pieces, ..SegmentConfig::default() };
         let of = |within| Candidates::new(&field, &frame, &at.means, &at, within, &config);
         let within: Vec<u32> = (0..COUNT as u32).collect();
-        let by = |threshold| PickOptions { meaning: Meaning::By { scale: 0.5, threshold }, list: false };
+        let by = |threshold| PickOptions { meaning: Granularity::By { scale: 0.5, threshold }, list: false };
         let all = by(-1.0);
         assert_eq!(pick(&of(&within), 5, &all).unwrap().members, within);
         assert!(pick(&of(&within), 5, &by(1.0)).unwrap().members.contains(&5));

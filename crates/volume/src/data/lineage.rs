@@ -15,7 +15,7 @@ pub enum Change {
 
 /// The end or the beginning of a segment, from one step of the series to the next.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Turn {
+pub struct LineageEvent {
     /// Time in [0, 1] of the first step at which it has happened.
     pub time: f64,
     /// The segment that ends or begins.
@@ -31,9 +31,9 @@ pub struct Turn {
 /// splits between the two: backwards in time these include what has merged into them; forwards, what splits off them.
 /// Segments that vanish or appear between the two times count as loss and growth, as at any border. `None` where `ids`
 /// are part of something larger at time `to`, in which no id distinguishes their part.
-pub fn ids_at(turns: &[Turn], ids: &[u16], from: f64, to: f64) -> Option<Vec<u16>> {
+pub fn ids_at(turns: &[LineageEvent], ids: &[u16], from: f64, to: f64) -> Option<Vec<u16>> {
     let (low, high) = (from.min(to), from.max(to));
-    let mut between: Vec<&Turn> = turns.iter().filter(|t| low < t.time && t.time <= high).collect();
+    let mut between: Vec<&LineageEvent> = turns.iter().filter(|t| low < t.time && t.time <= high).collect();
     // within a step ends come first: what splits off may have merged before
     between.sort_by(|a, b| a.time.total_cmp(&b.time).then(a.change.cmp(&b.change)));
     // backwards in time, an end is where a segment comes from, and a beginning is where it goes
@@ -75,8 +75,8 @@ mod tests {
     use super::*;
     use Change::{Began, Ended};
 
-    fn turn(time: f64, segment: u16, change: Change, other: impl Into<Option<u16>>) -> Turn {
-        Turn { time, segment, change, other: other.into() }
+    fn turn(time: f64, segment: u16, change: Change, other: impl Into<Option<u16>>) -> LineageEvent {
+        LineageEvent { time, segment, change, other: other.into() }
     }
 
     #[test]

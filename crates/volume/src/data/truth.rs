@@ -12,7 +12,7 @@ use super::camera::Camera;
 use super::dataset::SplitName;
 use super::error::DataError;
 use super::images::downscaled_size;
-use super::lineage::{Turn, ids_at};
+use super::lineage::{LineageEvent, ids_at};
 use super::normalisation::Normalisation;
 use super::png::check_claim;
 use crate::files::leads_out;
@@ -44,7 +44,7 @@ pub struct SegmentFile {
     /// Volumes of ids and opacity, by ascending time; empty without views of the segments.
     pub volumes: Vec<VolumeEntry>,
     /// Ends and beginnings of segments that merge and split; empty where each id is the same object at all times.
-    pub lineage: Vec<Turn>,
+    pub lineage: Vec<LineageEvent>,
 }
 
 impl SegmentFile {

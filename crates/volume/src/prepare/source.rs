@@ -2,7 +2,7 @@
 
 use crate::data::Calibration;
 use crate::data::calibration::PhysicalTime;
-use crate::data::lineage::{Change, Turn};
+use crate::data::lineage::{Change, LineageEvent};
 use crate::name::Name;
 use crate::volume::components::{PartChange, PartOptions, Parts, PartsError, part_name};
 use crate::volume::error::VolumeError;
@@ -175,11 +175,15 @@ impl Source {
     }
 
     /// The ends and beginnings of connected parts, by time; empty for segments that are given.
-    pub fn lineage(&self) -> Vec<Turn> {
+    pub fn lineage(&self) -> Vec<LineageEvent> {
         let Self::Files { labels: FileLabels::Parts(parts), .. } = self else { return Vec::new() };
         let change = |ends| if ends { Change::Ended } else { Change::Began };
-        let turn =
-            |c: &PartChange| Turn { time: self.time(c.step), segment: c.id, change: change(c.ends), other: c.other };
+        let turn = |c: &PartChange| LineageEvent {
+            time: self.time(c.step),
+            segment: c.id,
+            change: change(c.ends),
+            other: c.other,
+        };
         parts.changes().iter().map(turn).collect()
     }
 

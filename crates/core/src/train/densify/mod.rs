@@ -6,16 +6,27 @@
 mod relocate;
 mod rule;
 
-pub use rule::{Candidates, DensificationRule, check, find_rule};
-pub use rule::{RULES, rule_of};
+pub use rule::{Candidates, DensificationRule, check, find_rule, rule_of};
 
 use super::due::Due;
 use crate::config::types::{Config, PruneBy};
 use crate::model::HostGaussians;
 use crate::model::params::HostTensor;
+use crate::registry::Registry;
 use crate::rng::{Purpose, Rng};
 use std::collections::BTreeMap;
 use volseggs_kernels::activation::sigmoid;
+
+/// All rules, which `densify.mode` chooses from.
+pub static RULES: Registry<dyn DensificationRule> = Registry::new(
+    "densification rule",
+    &[
+        ("budget", &rule::Budget),
+        ("threshold", &rule::Threshold),
+        ("relocate", &relocate::Relocate),
+        ("off", &rule::Off),
+    ],
+);
 
 /// Statistics of each Gaussian between densifications.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -1,17 +1,11 @@
 //! Rules of densification: how many Gaussians there are to be, and which are copied or split for it. To add a built-in one,
-//! implement [`DensificationRule`] and add a line to [`RULES`].
+//! write a file here with a [`DensificationRule`], and a line in [`RULES`].
 
-use super::{Row, Statistics, is_above, relocate};
+use super::{RULES, Row, Statistics, is_above};
 use crate::config::types::{Config, DensifyConfig};
-use crate::registry::{NotRegistered, Registry};
+use crate::registry::NotRegistered;
 use crate::train::due::Span;
 use crate::train::schedule::Stage;
-
-/// All rules, which `densify.mode` chooses from.
-pub static RULES: Registry<dyn DensificationRule> = Registry::new(
-    "densification rule",
-    &[("budget", &Budget), ("threshold", &Threshold), ("relocate", &relocate::Relocate), ("off", &Off)],
-);
 
 /// A rule of densification. What is removed, and at which steps either happens, is the same for all.
 pub trait DensificationRule: Send + Sync {
@@ -100,7 +94,7 @@ impl Candidates<'_> {
 }
 
 /// Those with the largest gradients, as many as needed to reach the budget along a straight line.
-struct Budget;
+pub(super) struct Budget;
 
 impl DensificationRule for Budget {
     fn plan(&self, seen: &Candidates<'_>) -> Vec<Row> {
@@ -109,7 +103,7 @@ impl DensificationRule for Budget {
 }
 
 /// Those with gradients above `densify.threshold`, as in 3DGS, limited by the budget.
-struct Threshold;
+pub(super) struct Threshold;
 
 impl DensificationRule for Threshold {
     fn target(&self, densify: &DensifyConfig, stage: Stage, _: usize) -> Option<usize> {
@@ -122,7 +116,7 @@ impl DensificationRule for Threshold {
 }
 
 /// None are added.
-struct Off;
+pub(super) struct Off;
 
 impl DensificationRule for Off {
     fn target(&self, _: &DensifyConfig, _: Stage, _: usize) -> Option<usize> {

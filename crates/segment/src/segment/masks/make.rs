@@ -3,7 +3,7 @@
 //! Everything about the masks themselves is left to the source.
 
 use super::alpha::background_below;
-use super::source::{Found, Group, MaskSource, Seen, SourceError};
+use super::source::{Group, MaskInput, MaskSource, ScoredMask, SourceError};
 use super::store::{Annotation, Header, MaskWriter, StoreError, View};
 use crate::config::types::segment::MasksConfig;
 use crate::data::Camera;
@@ -150,7 +150,7 @@ pub fn make_masks(
     job: &MaskJob<'_>,
     source: &dyn MaskSource,
     path: &Path,
-    mut progress: impl FnMut(&Seen<'_>, &[Found]) -> bool,
+    mut progress: impl FnMut(&MaskInput<'_>, &[ScoredMask]) -> bool,
 ) -> Result<u64, MakeError> {
     let size = job.check()?;
     let mut writer = MaskWriter::create(path, job.header(size, source))?;
@@ -166,13 +166,13 @@ pub fn make_masks(
             };
             let drawn: Vec<(Picture, Option<Vec<bool>>)> = shots.iter().map(draw).collect();
             let see = |(i, (picture, front)): (usize, &'_ (Picture, Option<Vec<bool>>))| {
-                let found = source.find(&Seen { view: start + i, group, picture, front: front.as_deref() })?;
+                let found = source.find(&MaskInput { view: start + i, group, picture, front: front.as_deref() })?;
                 Ok::<_, SourceError>(found)
             };
             let all = drawn.par_iter().enumerate().map(see).collect::<Vec<_>>();
             for (i, ((picture, front), found)) in drawn.iter().zip(all).enumerate() {
                 let found = found?;
-                if !progress(&Seen { view: start + i, group, picture, front: front.as_deref() }, &found) {
+                if !progress(&MaskInput { view: start + i, group, picture, front: front.as_deref() }, &found) {
                     return Err(MakeError::Stopped);
                 }
                 for f in found {

@@ -31,13 +31,13 @@ impl MaskSource for Fronts {
         "fronts"
     }
 
-    fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError> {
+    fn find(&self, seen: &MaskInput<'_>) -> Result<Vec<ScoredMask>, SourceError> {
         let (w, h) = (seen.picture.width as u32, seen.picture.height as u32);
         assert_eq!(seen.front.is_some(), self.front);
         let below = background_below(seen.picture, &MasksConfig::default()) as f32;
         let alpha: Vec<bool> = seen.picture.rgba.chunks_exact(4).map(|p| p[3] > below).collect();
         let mask = Mask::from_rows(w, h, seen.front.unwrap_or(&alpha))?;
-        Ok(vec![Found { mask, predicted_iou: seen.view as f32, stability_score: 0.5 }])
+        Ok(vec![ScoredMask { mask, predicted_iou: seen.view as f32, stability_score: 0.5 }])
     }
 
     fn needs_front(&self) -> bool {

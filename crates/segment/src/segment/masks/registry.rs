@@ -1,32 +1,16 @@
-//! Mask sources by name: one table, from which commands, evaluations, sweeps and the viewer take them, the built-in ones
-//! and those that a custom program registers (`volseggs::extend::mask_source`) alike.
-//!
-//! A source is a file in `source/` and a line in [`MASK_SOURCES`].
+//! Mask sources by name: what one says of itself, and its choice with its options. Commands, evaluations, sweeps and the
+//! viewer take sources from the table [`MASK_SOURCES`].
 
 use super::make::MaskJob;
-use super::source::{MaskSource, SourceError, dir, labels, regions, sam};
+use super::source::{MASK_SOURCES, MaskSource, SourceError};
 use crate::data::Truth;
 use crate::data::truth::LabelledView;
-use crate::registry::Registry;
 use std::fmt;
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// The source that is used unless another is named.
-pub const DEFAULT: &str = "regions";
 /// Default number of points along a side of the grid that prompts a network; as published for MobileSAM.
 pub const DEFAULT_POINTS: usize = 32;
-
-/// All sources, in the order in which they are listed.
-pub static MASK_SOURCES: Registry<dyn MaskSourceKind> = Registry::new(
-    "mask source",
-    &[
-        (DEFAULT, &regions::RegionsKind),
-        ("labels", &labels::LabelsKind),
-        ("dir", &dir::DirKind),
-        ("sam", &sam::SamKind),
-    ],
-);
 
 /// A kind of mask source: what is known of it before there is anything to mask.
 pub trait MaskSourceKind: Send + Sync {

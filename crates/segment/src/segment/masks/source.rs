@@ -1,7 +1,8 @@
 //! Where masks come from: what a source receives of a view, and what it returns.
 //!
 //! One file per source: [`regions`] needs only the picture, [`labels`] reads the ground truth of a dataset, [`dir`]
-//! the masks of other programs, and [`sam`] runs a network. Drawing the views and writing what is found is in `make`.
+//! the masks of other programs, and [`sam`] runs a network. Drawing the views and writing what is found is in `make`. A new
+//! source is a file here and a line in [`MASK_SOURCES`]; a program adds its own by `volseggs::extend`.
 
 pub mod dir;
 pub mod labels;
@@ -9,11 +10,27 @@ pub mod regions;
 pub mod sam;
 
 use super::regions::RegionError;
+use super::registry::MaskSourceKind;
 use super::sam::SamError;
 use super::{Mask, MaskError, StoreError};
 use crate::data::DataError;
+use crate::registry::Registry;
 use crate::segment::pictures::Picture;
 use thiserror::Error;
+
+/// The source that is used unless another is named.
+pub const DEFAULT: &str = "regions";
+
+/// All sources, in the order in which they are listed.
+pub static MASK_SOURCES: Registry<dyn MaskSourceKind> = Registry::new(
+    "mask source",
+    &[
+        (DEFAULT, &regions::RegionsKind),
+        ("labels", &labels::LabelsKind),
+        ("dir", &dir::DirKind),
+        ("sam", &sam::SamKind),
+    ],
+);
 
 /// A segment to make masks of, drawn alone.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -26,7 +43,7 @@ pub struct Group {
 
 /// What a source receives of one view of one group.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
+pub struct MaskInput<'a> {
     /// Which view: index into the job's shots.
     pub view: usize,
     /// Which group: index into the job's groups.
@@ -39,7 +56,7 @@ pub struct Seen<'a> {
 
 /// A mask that a source found.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Found {
+pub struct ScoredMask {
     /// The mask, of the picture's size.
     pub mask: Mask,
     /// The source's estimate of how well the mask fits, 0 to 1.
@@ -57,9 +74,9 @@ pub trait MaskSource: Sync {
     ///
     /// # Errors
     /// As [`SourceError`].
-    fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError>;
+    fn find(&self, seen: &MaskInput<'_>) -> Result<Vec<ScoredMask>, SourceError>;
 
-    /// Whether [`Seen::front`] is needed, which costs a picture of the whole scene per view.
+    /// Whether [`MaskInput::front`] is needed, which costs a picture of the whole scene per view.
     fn needs_front(&self) -> bool {
         false
     }

@@ -6,7 +6,7 @@ use super::super::registry::{
     ChooseSourceError, MaskSourceKind, SourceInput, SourceOption, SourceOptions, SourceViews,
 };
 use super::super::store::StoreError;
-use super::{Found, MaskSource, Seen, SourceError};
+use super::{MaskInput, MaskSource, ScoredMask, SourceError};
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -156,7 +156,7 @@ impl MaskSource for Foreign {
         &self.name
     }
 
-    fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError> {
+    fn find(&self, seen: &MaskInput<'_>) -> Result<Vec<ScoredMask>, SourceError> {
         let masks = match &self.masks {
             Masks::Folders(folders) => {
                 let unknown = SourceError::View { view: seen.view, group: seen.group };
@@ -167,7 +167,7 @@ impl MaskSource for Foreign {
                 None => Vec::new(),
             },
         };
-        let found = masks.into_iter().map(|m| Found {
+        let found = masks.into_iter().map(|m| ScoredMask {
             mask: m.mask,
             predicted_iou: m.predicted_iou,
             stability_score: m.stability_score,
@@ -188,7 +188,7 @@ mod tests {
 
     fn areas(source: &Foreign, group: usize, view: usize) -> Vec<u64> {
         let picture = picture();
-        let found = source.find(&Seen { view, group, picture: &picture, front: None }).unwrap();
+        let found = source.find(&MaskInput { view, group, picture: &picture, front: None }).unwrap();
         found.iter().map(|f| f.mask.area()).collect()
     }
 

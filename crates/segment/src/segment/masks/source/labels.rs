@@ -1,7 +1,7 @@
 //! Ground-truth masks: label images of a dataset, restricted to where a group is in front.
 
 use super::super::registry::{MaskSourceKind, SourceInput, SourceViews};
-use super::{Found, MaskSource, Seen, SourceError};
+use super::{MaskInput, MaskSource, ScoredMask, SourceError};
 use crate::data::Truth;
 use crate::data::truth::LabelledView;
 use crate::segment::masks::Mask;
@@ -49,7 +49,7 @@ impl MaskSource for Labels {
     }
 
     /// Returns one mask for each id that shows in front, by ascending id.
-    fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError> {
+    fn find(&self, seen: &MaskInput<'_>) -> Result<Vec<ScoredMask>, SourceError> {
         let (width, height) = (seen.picture.width, seen.picture.height);
         let of_size = |v: &&LabelledView| (v.camera.width as usize, v.camera.height as usize) == (width, height);
         let (Some(view), Some(front)) = (self.views.get(seen.view).filter(of_size), seen.front) else {
@@ -63,7 +63,7 @@ impl MaskSource for Labels {
         }
         let masks = Mask::of_labels(width as u32, height as u32, &ids)?.into_iter().map(|(_, mask)| mask);
         let shown = masks.filter(|mask| mask.area() >= self.min_pixels);
-        Ok(shown.map(|mask| Found { mask, predicted_iou: 1.0, stability_score: 1.0 }).collect())
+        Ok(shown.map(|mask| ScoredMask { mask, predicted_iou: 1.0, stability_score: 1.0 }).collect())
     }
 
     fn needs_front(&self) -> bool {

@@ -2,7 +2,7 @@
 
 use super::super::regions::{RegionError, RegionImage, find_regions};
 use super::super::registry::{MaskSourceKind, SourceInput};
-use super::{Found, MaskSource, Seen, SourceError};
+use super::{MaskInput, MaskSource, ScoredMask, SourceError};
 use crate::config::types::segment::MasksConfig;
 use crate::segment::pictures::Picture;
 
@@ -38,9 +38,9 @@ impl MaskSource for Regions {
         "regions"
     }
 
-    fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError> {
+    fn find(&self, seen: &MaskInput<'_>) -> Result<Vec<ScoredMask>, SourceError> {
         let masks = find_regions(&region_image(seen.picture, self.background)?, &self.options)?;
-        let found = masks.into_iter().map(|m| Found {
+        let found = masks.into_iter().map(|m| ScoredMask {
             mask: m.mask,
             predicted_iou: m.contrast,
             stability_score: m.stability_score,

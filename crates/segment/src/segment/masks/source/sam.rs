@@ -5,7 +5,7 @@ use super::super::registry::{
     ChooseSourceError, DEFAULT_POINTS, MaskSourceKind, SourceInput, SourceOption, SourceOptions,
 };
 use super::super::sam::{AutomaticOptions, Sam, SamConfig, checkpoint, generate};
-use super::{Found, MaskSource, Seen, SourceError};
+use super::{MaskInput, MaskSource, ScoredMask, SourceError};
 use crate::config::types::segment::MasksConfig;
 use crate::export::images::to_rgb8;
 use crate::memory::{Budget, product};
@@ -82,13 +82,13 @@ impl MaskSource for SamSource {
         &self.name
     }
 
-    fn find(&self, seen: &Seen<'_>) -> Result<Vec<Found>, SourceError> {
+    fn find(&self, seen: &MaskInput<'_>) -> Result<Vec<ScoredMask>, SourceError> {
         let picture = seen.picture;
         let rgb = to_rgb8(&picture.rgba, picture.width, picture.height);
         let mut masks = generate(&self.sam, &rgb, picture.width, picture.height, &self.options)?;
         let below = background_below(picture, &self.config);
         masks.retain(|m| !on_background(picture, &m.mask, below));
-        let found = masks.into_iter().map(|m| Found {
+        let found = masks.into_iter().map(|m| ScoredMask {
             mask: m.mask,
             predicted_iou: m.predicted_iou,
             stability_score: m.stability,
@@ -132,7 +132,7 @@ mod tests {
             ..AutomaticOptions::default()
         };
         let source = SamSource::new(sam, options, MasksConfig::default());
-        let find = |picture: &Picture| source.find(&Seen { view: 0, group: 0, picture, front: None }).unwrap();
+        let find = |picture: &Picture| source.find(&MaskInput { view: 0, group: 0, picture, front: None }).unwrap();
         let found = find(&picture(|_| 1.0));
         assert!(!found.is_empty());
         assert!(found.iter().all(|f| (f.mask.width, f.mask.height) == (40, 24) && f.mask.area() > 0));
