@@ -39,8 +39,11 @@
 //! | `cuda` | no | NVIDIA GPUs through CUDA |
 //! | `tch` | no | LibTorch on the CPU |
 //!
+//! `examples/` has whole programs: `train_and_render`, `segment_by_click`, `export`, `custom_loss`; `extended` registers one of
+//! each kind of extension.
+//!
 //! The crates underneath, from the lowest: `volseggs-base`, `volseggs-volume` (neither names burn), `volseggs-kernels`,
-//! `volseggs-core`, `volseggs-segment`. Their modules are re-exported here.
+//! `volseggs-core`, `volseggs-methods` and `volseggs-segment`. Their modules are re-exported here.
 
 #![deny(clippy::print_stdout, clippy::print_stderr)] // they panic on a closed pipe; see `terminal`
 

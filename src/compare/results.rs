@@ -18,7 +18,7 @@ pub struct ResultSet {
     pub note: String,
     /// Heading of the column of variants, such as `loss`.
     pub head: String,
-    /// Ids of the metrics to report, in order; see [`super::metric::metric`].
+    /// Ids of the metrics to report, in order; see [`super::metric`].
     pub metrics: Vec<String>,
     /// The variant that differences are relative to.
     pub baseline: String,

@@ -183,7 +183,7 @@ impl Selection {
         }
     }
 
-    /// Like [`Selection::at`], without the Gaussians that edits hide: for files, whose readers would keep them.
+    /// Like [`Selection::gaussians_at`], without the Gaussians that edits hide: for files, whose readers would keep them.
     ///
     /// # Errors
     /// If an edit cannot be applied.

@@ -26,7 +26,7 @@ fn clicks_select_known_segments() {
         let training = ["--fine-steps", "400", "--fine-pixels", "1024"];
         let eval = ["eval", scene, "--data", "data", "--segments"];
         volseggs().current_dir(root).args(eval).args(how).args(training).assert().success();
-        let found: Value = json(&root.join(scene).join("eval/segments/segments.json"));
+        let found: Value = json(&root.join(scene).join("eval/segments-data/segments.json"));
         let reached = ["iou_3d", "least_iou_3d"].map(|key| found["means"][0]["fixed"][key].as_f64().unwrap());
         assert!(reached[0] >= floors[0] && reached[1] >= floors[1], "{scene}: {reached:?}, at least {floors:?}");
     }

@@ -118,7 +118,7 @@ pub fn write_splats(
     Ok(Some(Written { gaussians: count, refits }))
 }
 
-/// Writes the label of each voxel, as returned by [`Labels::at`], to `path`; `edited` says whether they are of the
+/// Writes the label of each voxel, as returned by [`Labels::labels_at`], to `path`; `edited` says whether they are of the
 /// edited scene, and `space` what the axes of space shall mean that the file states: as in the data if `None`.
 ///
 /// # Errors

@@ -1,7 +1,7 @@
 //! Writers of label volumes: NRRD (with what 3D Slicer needs to show segments) and VTK image data.
 //!
 //! This module holds the volume to write, its checks and what its files say of it; the formats are in
-//! [`nrrd`](super::nrrd) and [`vti`](super::vti). Nothing here computes labels.
+//! `nrrd` and `vti`. Nothing here computes labels.
 
 #[cfg(test)]
 mod tests;

@@ -27,14 +27,12 @@ impl MaskSourceKind for DirKind {
     }
 
     fn complete(&self, options: SourceOptions) -> Result<SourceOptions, ChooseSourceError> {
-        let option = SourceOption::Path;
-        match &options.path {
-            Some(path) if path.exists() => Ok(options),
-            Some(path) => {
-                let problem = format!("{}: no such folder or file", path.display());
-                Err(ChooseSourceError::Unusable { option, problem })
-            }
-            None => Err(ChooseSourceError::Missing { option, what: "the folder of masks or the COCO file" }),
+        match options.path {
+            Some(_) => Ok(options),
+            None => Err(ChooseSourceError::Missing {
+                option: SourceOption::Path,
+                what: "the folder of masks or the COCO file",
+            }),
         }
     }
 
