@@ -18,6 +18,8 @@ for scene in jets vortices shells; do
         --set model.time_knots=6 --set model.channels=8 --set model.width=16 --set model.sh_degree=2 \
         --set stages.warmup_steps=600 --set stages.joint_steps=1500
     "$volseggs" pack "$scene" --out packed
+    # the dataset is not kept, so its place on this machine says nothing
+    sed -i "s#\"dataset\": \"$work/#\"dataset\": \"/#" packed/run.json
     rm -rf "${out:?}/$scene"
     mkdir -p "$out"
     mv packed "$out/$scene"

@@ -53,8 +53,9 @@ impl<T: ?Sized + 'static> Registry<T> {
     /// [`NotRegistered`], which lists the names that there are.
     pub fn get(&self, name: &str) -> Result<&'static T, NotRegistered> {
         let wanted = plain(name);
-        let found = self.all().into_iter().find(|(known, _)| *known == wanted);
-        found.map(|(_, entry)| entry).ok_or_else(|| NotRegistered {
+        let added = self.added.read().unwrap_or_else(PoisonError::into_inner).get(&wanted).copied();
+        let built_in = || self.built_in.iter().find(|(known, _)| *known == wanted).map(|(_, entry)| *entry);
+        added.or_else(built_in).ok_or_else(|| NotRegistered {
             what: self.what,
             name: name.to_owned(),
             known: self.names(),

@@ -1,10 +1,9 @@
 //! Training with the network of D3DGS: it learns, resumes bit-identically from a checkpoint, and yields a scene.
 
 use super::Training;
-use super::test_support::{ball, changed, check_checkpoint, device, stepped};
-use std::collections::BTreeMap;
+use super::test_support::{ball, changed, check_checkpoint, device, parameters, stepped};
 use volseggs_core::config::types::Config;
-use volseggs_core::model::params::{HostTensor, to_vec};
+use volseggs_core::model::params::to_vec;
 use volseggs_core::model::{Scene, ToKernel};
 use volseggs_core::train::open_dataset;
 use volseggs_volume::data::Dataset;
@@ -30,10 +29,6 @@ fn config(more: &[&str]) -> Config {
 
 fn data() -> Dataset {
     ball(6, 16)
-}
-
-fn parameters(training: &dyn Training) -> BTreeMap<String, HostTensor> {
-    training.model().parameters()
 }
 
 #[test]

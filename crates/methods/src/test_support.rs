@@ -52,6 +52,11 @@ pub(super) fn change<S: Settings>(config: &mut Config, edit: impl FnOnce(&mut S)
     config.sections.set(&settings);
 }
 
+/// The parameters of a training's model, by name.
+pub(super) fn parameters(training: &dyn Training) -> BTreeMap<String, HostTensor> {
+    training.model().parameters()
+}
+
 /// The losses of `steps` steps.
 pub(super) fn stepped(training: &mut dyn Training, data: &Dataset, steps: usize) -> Vec<f64> {
     (0..steps).map(|_| training.step(&data.train).unwrap().loss).collect()

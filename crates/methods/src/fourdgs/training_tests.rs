@@ -3,8 +3,7 @@
 use super::model::Scene4d;
 use super::rotation_matrices;
 use super::rows::apply;
-use crate::Training;
-use crate::test_support::{ball, changed, check_checkpoint, device, stepped};
+use crate::test_support::{ball, changed, check_checkpoint, device, parameters, stepped};
 use burn::tensor::{Tensor, TensorData};
 use std::collections::BTreeMap;
 use volseggs_base::rng::{Purpose, Rng};
@@ -37,10 +36,6 @@ fn config(more: &[&str]) -> Config {
 
 fn data() -> Dataset {
     ball(6, 16)
-}
-
-fn parameters(training: &dyn Training) -> BTreeMap<String, HostTensor> {
-    training.model().parameters()
 }
 
 #[test]
