@@ -217,6 +217,10 @@ impl SegmentOptions {
             return Err(SegmentOptionError::Range { key, value, range });
         }
         let source = self.source()?;
+        if let Some(path) = self.mask_dir.iter().find(|path| !path.exists()) {
+            let problem = format!("{}: no such folder or file", path.display());
+            return Err(SegmentOptionError::Unusable { key: "mask_dir", problem });
+        }
         if self.bias.is_some() && source.kind.views() == SourceViews::Labelled {
             let problem = "label images have the dataset's own views; use other masks".to_owned();
             return Err(SegmentOptionError::Unusable { key: "bias", problem });
