@@ -9,7 +9,7 @@ use common::{Tested, camera, noise, settings, to_vec};
 use volseggs_kernels::path_opacity::path_opacity;
 use volseggs_kernels::path_opacity::reference::{Seen, logit};
 use volseggs_kernels::splat::contributors::contributors;
-use volseggs_kernels::splat::{SplatInputs, SplatSettings, splat};
+use volseggs_kernels::splat::{Rendering, SplatInputs, splat};
 
 const EYE: [f32; 3] = [0.3, -3.5, 1.2];
 
@@ -161,7 +161,7 @@ fn what_is_drawn_and_what_contributes_have_the_seen_opacities(on: Tested) {
         shading: None,
     };
     let plain = settings(camera, 0);
-    let by_path = SplatSettings { path_opacity: 0.7, ..plain };
+    let by_path = Rendering { path_opacity: 0.7, ..plain.rendering }.seen_by(camera);
     let drawn = to_vec(splat(base.clone(), by_path).image);
     let SplatInputs { means, rotations, log_scales, opacity_logits, .. } = base.clone();
     let seen = path_opacity(means, rotations, log_scales, opacity_logits, camera.position(), 0.7);

@@ -7,7 +7,7 @@ use common::{COVARIANCE_FIELDS, FIELDS, Tested, by_covariances, distance, to_fac
 use safetensors::SafeTensors;
 use volseggs_kernels::Camera;
 use volseggs_kernels::splat::reference::{self, Cutoffs};
-use volseggs_kernels::splat::{DILATION, SplatSettings};
+use volseggs_kernels::splat::{Rendering, SplatSettings};
 
 struct Golden {
     scene: reference::Scene,
@@ -68,7 +68,7 @@ fn load(name: &str) -> Golden {
     let background = std::array::from_fn(|c| background[c] as f32);
     Golden {
         scene,
-        settings: SplatSettings { camera, background, sh_degree: degree, dilation: DILATION, path_opacity: 0.0 },
+        settings: Rendering { background, sh_degree: degree, ..Rendering::default() }.seen_by(camera),
         degree,
         image: get("image"),
         transmittance: get("final_T"),
@@ -116,7 +116,7 @@ impl Golden {
 fn the_reference_reproduces_the_golden_images() {
     for name in ["sh0", "sh3", "edge"] {
         let g = load(name);
-        assert_eq!(g.degree, g.settings.sh_degree);
+        assert_eq!(g.degree, g.settings.rendering.sh_degree);
         for scene in [g.scene.clone(), by_covariances(g.scene.clone())] {
             let image = reference::render(&scene, &g.settings, Cutoffs::OP);
             let rgb = image.chunks_exact(4).flat_map(|p| p[..3].to_vec());

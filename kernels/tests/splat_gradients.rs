@@ -94,7 +94,8 @@ fn the_reference_gradient_matches_the_image_without_cutoffs() {
         let degree = highest_degree(coefficients);
         for (seed, dilation) in [(1, DILATION), (2, 0.1), (3, 0.0)] {
             let scene = with_everything(12, coefficients, seed);
-            let settings = SplatSettings { dilation, ..settings(camera(21, 17), degree) };
+            let mut settings = settings(camera(21, 17), degree);
+            settings.rendering.dilation = dilation;
             let slopes = [0, 1].map(|i| {
                 let [x, y, z] = in_camera(&scene, &settings, i);
                 (x / z * f64::from(settings.camera.fx) / 21.0, y / z * f64::from(settings.camera.fy) / 17.0)
@@ -147,7 +148,8 @@ fn gradients_without_cutoffs_match_difference_quotients(on: Tested) {
             scene.means.iter_mut().for_each(|v| *v *= 0.5);
             scene.log_scales.iter_mut().for_each(|s| *s = 0.3 * (*s + 2.6));
             scene.opacity_logits.iter_mut().for_each(|o| *o = 0.5 * *o - 0.5);
-            let settings = SplatSettings { dilation, ..settings(camera(21, 17), degree) };
+            let mut settings = settings(camera(21, 17), degree);
+            settings.rendering.dilation = dilation;
             for (kind, scene) in both_kinds(&scene) {
                 let smooth = render(&scene, &settings, Cutoffs::NONE);
                 assert_eq!(render(&scene, &settings, Cutoffs::OP), smooth, "seed {seed} meets a cutoff");
@@ -169,7 +171,8 @@ fn gradients_with_cutoffs_match_the_reference(on: Tested) {
             let mut scene = with_everything(60, coefficients, seed);
             scene.opacity_logits.iter_mut().for_each(|o| *o += opaque);
             scene.log_scales.iter_mut().for_each(|s| *s += 0.1 * opaque);
-            let settings = SplatSettings { dilation, ..settings(camera(43, 37), degree) };
+            let mut settings = settings(camera(43, 37), degree);
+            settings.rendering.dilation = dilation;
             for (kind, scene) in both_kinds(&scene) {
                 // a decision that f32 could reverse would say nothing about gradients
                 let pixels: Vec<u32> = (0..43 * 37).collect();

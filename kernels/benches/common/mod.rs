@@ -8,7 +8,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use std::time::Instant;
 use volseggs_kernels::activation::logit_f64;
 use volseggs_kernels::splat::{
-    DILATION, SplatBackwardOps, SplatForward, SplatInputs, SplatOps, SplatSettings, SplatTensors,
+    Rendering, SplatBackwardOps, SplatForward, SplatInputs, SplatOps, SplatSettings, SplatTensors,
 };
 use volseggs_kernels::{Camera, sh};
 
@@ -120,16 +120,7 @@ impl Splatter {
             screen_offsets: Some(Tensor::zeros([n, 2], device)),
             shading: None,
         };
-        Self {
-            inputs,
-            settings: SplatSettings {
-                camera,
-                background: [0.0; 3],
-                sh_degree: 3,
-                dilation: DILATION,
-                path_opacity: 0.0,
-            },
-        }
+        Self { inputs, settings: Rendering { sh_degree: 3, ..Rendering::default() }.seen_by(camera) }
     }
 
     /// Runs the forward pass alone.

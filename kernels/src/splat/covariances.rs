@@ -44,7 +44,7 @@ impl CovarianceInputs {
 pub fn splat_covariances(inputs: CovarianceInputs, settings: SplatSettings) -> Splatted {
     let n = inputs.means.dims()[0];
     assert_eq!(inputs.covariances.dims(), [n, 6], "splat: covariances are [N, 6] with N = {n}");
-    assert!(settings.path_opacity == 0.0, "splat: path_opacity needs rotations and scales, not covariances");
+    assert!(settings.rendering.path_opacity == 0.0, "splat: path_opacity needs rotations and scales, not covariances");
     check_common(&inputs.means, &inputs.opacity_logits, &inputs.sh, inputs.screen_offsets.as_ref(), &settings);
     render(inputs.into_tensors(), settings)
 }

@@ -4,14 +4,14 @@
 //! rasteriser:
 //!
 //! * covariance `R S S^T R^T` ([`splat`]) or as given ([`splat_covariances`]), projected with the Jacobian clamped at
-//!   1.3 times the field of view, with [`SplatSettings::dilation`] added to its diagonal (pixels squared);
+//!   1.3 times the field of view, with [`Rendering::dilation`] added to its diagonal (pixels squared);
 //! * colour `max(0, SH(direction) + 0.5)`, with the gradient flowing through the direction;
 //! * `alpha = min(0.99, opacity * exp(power))`, skipped below 1/255; where it is clamped at 0.99 the
 //!   gradient is zero (the reference rasteriser passes it through);
 //! * front to back by depth, ties by index; a Gaussian that would bring the transmittance to 1e-4
 //!   or less ends the pixel and is not blended; Gaussians at depth 0.2 or less are culled.
 //!
-//! With [`SplatSettings::path_opacity`] above 0 opacities depend on the direction of view too, see
+//! With [`Rendering::path_opacity`] above 0 opacities depend on the direction of view too, see
 //! [`crate::path_opacity`].
 //!
 //! A Gaussian whose projection is not finite (NaN, infinite scale), or whose covariance is invalid (not positive
@@ -25,10 +25,10 @@ pub(crate) mod cpu;
 #[cfg(feature = "cube")]
 mod cube;
 pub mod reference;
+mod rendering;
 mod views;
 
-use crate::Camera;
-use crate::path_opacity::{MAX_EXPONENT, path_opacity};
+use crate::path_opacity::path_opacity;
 use crate::sh::Bands;
 use crate::shading::{Shading, shaded};
 use burn::backend::tensor::{FloatTensor, IntTensor};
@@ -38,6 +38,7 @@ use std::any::Any;
 use std::sync::Arc;
 
 pub use covariances::{CovarianceInputs, splat_covariances};
+pub use rendering::{Rendering, SplatSettings};
 pub use views::{ViewSums, ViewSumsOps, ViewSumsOutput};
 
 /// Alpha is clamped to this value.
@@ -48,7 +49,7 @@ pub const ALPHA_MIN: f32 = 1.0 / 255.0;
 pub const TRANSMITTANCE_MIN: f32 = 1e-4;
 /// Gaussians at or nearer than this depth are culled.
 pub const NEAR: f32 = 0.2;
-/// [`SplatSettings::dilation`] in 3DGS, pixels squared.
+/// [`Rendering::dilation`] in 3DGS, pixels squared.
 pub const DILATION: f32 = 0.3;
 /// Largest dilation allowed, pixels squared.
 pub const MAX_DILATION: f32 = 100.0;
@@ -57,24 +58,6 @@ const MAX_SIDE: usize = (16 << 16) - 16;
 /// A given covariance counts as positive semi-definite if no principal minor is negative by more than this, as a
 /// fraction of the product of the minor's diagonal. Rounding of a product `M M^T` to f32 stays below it.
 pub const MINOR_SLACK: f32 = 1e-5;
-
-/// Everything about a rendering that is not a tensor.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SplatSettings {
-    /// The camera, with the image size.
-    pub camera: Camera,
-    /// Background colour, RGB.
-    pub background: [f32; 3],
-    /// Spherical-harmonics degree in use, 0 to 3, or to 4 where the coefficients are of even bands; those beyond it are
-    /// ignored and get no gradient.
-    pub sh_degree: usize,
-    /// Added to the diagonal of the projected covariance, pixels squared, so that a small Gaussian does not fall
-    /// between pixel centres; 0 to [`MAX_DILATION`], [`DILATION`] in 3DGS.
-    pub dilation: f32,
-    /// How much an opacity follows the length of the ray's path through the Gaussian: the exponent of
-    /// [`crate::path_opacity`], 0 to 1, 0 in 3DGS. [`splat_covariances`] allows 0 alone.
-    pub path_opacity: f32,
-}
 
 /// State that the forward pass keeps for the backward pass; opaque and specific to each backend.
 #[derive(Clone)]
@@ -206,7 +189,7 @@ impl SplatInputs {
 
     /// Replaces the opacities by those that the camera sees.
     fn with_seen_opacities(mut self, settings: &SplatSettings) -> Self {
-        let exponent = settings.path_opacity;
+        let exponent = settings.rendering.path_opacity;
         if exponent != 0.0 {
             self.opacity_logits = path_opacity(
                 self.means.clone(),
@@ -255,7 +238,7 @@ fn offsets_or_zeros(offsets: Option<Tensor<2>>, means: &Tensor<2>) -> Tensor<2> 
 /// camera sees.
 ///
 /// # Panics
-/// If the shapes disagree, `sh` holds fewer coefficients than `settings.sh_degree` needs, or the settings are out of
+/// If the shapes disagree, `sh` holds fewer coefficients than the degree in use needs, or the settings are out of
 /// range: all are errors of the calling program, never of the data.
 pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> Splatted {
     inputs.check(&settings);
@@ -275,21 +258,14 @@ fn check_common(
     assert_eq!(opacity_logits.dims(), [n], "splat: opacity_logits are [N] with N = {n}");
     let [n_sh, k, channels] = sh.dims();
     assert_eq!((n_sh, channels), (n, 3), "splat: sh are [N, K, 3] with N = {n}");
-    let degree = settings.sh_degree;
+    let degree = settings.rendering.sh_degree;
     match Bands::from_count(k) {
         Some((_, most)) => assert!(degree <= most, "splat: degree {degree} is in use, {k} coefficients allow {most}"),
         None => panic!("splat: sh has {k} coefficients, expected 1, 4, 9 or 16 of all bands, or 6 or 15 of even ones"),
     }
-    let dilation = settings.dilation;
-    assert!(
-        (0.0..=MAX_DILATION).contains(&dilation),
-        "splat: dilation is {dilation}, expected 0 to {MAX_DILATION} pixels squared"
-    );
-    let exponent = settings.path_opacity;
-    assert!(
-        (0.0..=MAX_EXPONENT).contains(&exponent),
-        "splat: path_opacity is {exponent}, expected 0 to {MAX_EXPONENT}"
-    );
+    if let Err(problem) = settings.rendering.check() {
+        panic!("splat: {problem}");
+    }
     let camera = settings.camera;
     assert!(
         camera.width > 0 && camera.height > 0,

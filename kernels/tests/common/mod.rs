@@ -4,7 +4,7 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use volseggs_kernels::Camera;
 use volseggs_kernels::sh::Bands;
-use volseggs_kernels::splat::{CovarianceInputs, DILATION, SplatInputs, SplatSettings, reference::Scene};
+use volseggs_kernels::splat::{CovarianceInputs, Rendering, SplatInputs, SplatSettings, reference::Scene};
 use volseggs_kernels::splat::{splat, splat_covariances};
 use volseggs_testing::skip_device;
 
@@ -239,7 +239,7 @@ pub fn rounded(mut scene: Scene) -> Scene {
 }
 
 pub fn settings(camera: Camera, sh_degree: usize) -> SplatSettings {
-    SplatSettings { camera, background: [0.1, 0.2, 0.3], sh_degree, dilation: DILATION, path_opacity: 0.0 }
+    Rendering { background: [0.1, 0.2, 0.3], sh_degree, ..Rendering::default() }.seen_by(camera)
 }
 
 fn f32s(v: &[f64]) -> Vec<f32> {

@@ -1,7 +1,7 @@
 //! Gaussians refitted to how other programs draw them.
 //!
 //! A file of Gaussians holds one opacity for each and harmonics of all bands, and its readers widen each Gaussian by
-//! [`DILATION`]. A scene trained with `model.path_opacity`, another dilation, a headlight or band 4 looks different
+//! [`volseggs_kernels::splat::DILATION`]. A scene trained with `model.path_opacity`, another dilation, a headlight or band 4 looks different
 //! there, its outlines above all. Refitting trains opacities, scales and colours until the Gaussians, drawn as other
 //! programs draw them, look as the scene does here. The scene's own pictures from all around are the targets, so
 //! neither the dataset nor the volume is needed. Means and rotations stay.
@@ -22,7 +22,7 @@ use serde::Serialize;
 use volseggs_kernels::Camera;
 use volseggs_kernels::photometric::{Distance, photometric_loss};
 use volseggs_kernels::sh::Bands;
-use volseggs_kernels::splat::{DILATION, splat};
+use volseggs_kernels::splat::splat;
 
 /// Steps that suffice for most scenes.
 const STEPS: usize = 300;
@@ -110,12 +110,16 @@ fn visible_box(shown: &HostGaussians) -> Option<Aabb> {
     Some(bounds)
 }
 
+/// The same, but as 3DGS draws, as other programs do.
+fn in_3dgs(Rendering { background, sh_degree, .. }: Rendering) -> Rendering {
+    Rendering { background, sh_degree, ..Rendering::default() }
+}
+
 /// Whether other programs draw the scene as this one does.
 fn drawn_alike(scene: &Scene) -> bool {
-    let Rendering { dilation, path_opacity, .. } = scene.spec.rendering();
-    let gaussians = &scene.gaussians;
+    let (ours, gaussians) = (scene.spec.rendering(), &scene.gaussians);
     let plain = gaussians.headlight.is_none() && Bands::of_any(gaussians.sh.dims()[1]) == Bands::All;
-    plain && dilation == DILATION && path_opacity == 0.0
+    plain && ours == in_3dgs(ours)
 }
 
 /// Refits the Gaussians `shown` at one time, which the run draws with `rendering`, as planned; `None` if `goes_on`, called after each step, stopped it. The same arguments give the same bits on a CPU.
@@ -132,7 +136,7 @@ pub(super) fn refit(
     let RefitPlan { steps, around, .. } = plan;
     let sphere = plan.sphere(shown);
     let plain = shown.baked();
-    let elsewhere = Rendering { sh_degree: plain.sh_degree(), dilation: DILATION, path_opacity: 0.0, ..rendering };
+    let elsewhere = Rendering { sh_degree: plain.sh_degree(), ..in_3dgs(rendering) };
     let scene = shown.to_splat(device);
     let target = |camera: &Camera| splat(scene.clone(), rendering.seen_by(*camera)).image;
 
@@ -258,7 +262,7 @@ mod tests {
     #[test]
     fn what_others_draw_alike_stays_and_a_stop_is_heard() {
         let device = DeviceName::all()[0].open().unwrap();
-        let alike = Rendering { dilation: DILATION, path_opacity: 0.0, ..rendering() };
+        let alike = in_3dgs(rendering());
         let plain = discs().baked();
         let (same, gain) = refit(&plain, alike, &plan(3), &device, || true).unwrap().unwrap();
         assert_eq!((same, gain.psnr_before), (plain.clone(), f64::INFINITY));

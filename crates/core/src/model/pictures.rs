@@ -1,7 +1,7 @@
 //! Pictures of Gaussians on the host, such as those of one time or of one segment.
 
-use super::HostGaussians;
 use super::params::to_vec;
+use super::{HostGaussians, Rendering};
 use burn::tensor::Device;
 use volseggs_kernels::splat::{SplatSettings, splat};
 
@@ -21,7 +21,7 @@ pub fn draw_each(
         Some(inputs) => to_vec(splat(inputs.clone(), settings).image),
         // not every backend can hold an empty tensor
         None => {
-            let SplatSettings { camera, background: [r, g, b], .. } = settings;
+            let SplatSettings { camera, rendering: Rendering { background: [r, g, b], .. } } = settings;
             [r, g, b, 0.0].repeat(camera.width * camera.height)
         }
     };

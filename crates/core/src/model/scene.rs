@@ -49,8 +49,7 @@ impl SceneSpec {
     /// How its Gaussians are drawn.
     pub fn rendering(&self) -> Rendering {
         let Self { background, sh_degree, .. } = *self;
-        let ModelConfig { dilation, path_opacity, .. } = self.model;
-        Rendering { background, sh_degree, dilation: dilation as f32, path_opacity: path_opacity as f32 }
+        Rendering { background, sh_degree, ..Rendering::from(&self.model) }
     }
 }
 

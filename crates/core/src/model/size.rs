@@ -3,7 +3,7 @@
 
 use super::d3dgs;
 use super::encoder::find_encoder;
-use super::rendering::{check_dilation, check_path_opacity};
+use super::rendering::Rendering;
 use crate::config::types::{Appearance, D3dgsConfig, DecoderKind, ModelConfig, ShBands};
 use crate::memory::product;
 use volseggs_kernels::changes::{COLUMNS, WIDTHS};
@@ -77,8 +77,7 @@ pub fn check_model(config: &ModelConfig) -> Result<(), String> {
             return Err(format!("model.{name} = 0: at least 1"));
         }
     }
-    check_dilation(config.dilation as f32).map_err(|e| format!("model.{e}"))?;
-    check_path_opacity(config.path_opacity as f32).map_err(|e| format!("model.{e}"))?;
+    Rendering::from(config).check().map_err(|e| format!("model.{e}"))?;
     find_encoder(&config.encoder).map_err(|e| format!("model.encoder: {e}"))?.check(config)
 }
 

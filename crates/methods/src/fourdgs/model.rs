@@ -9,7 +9,6 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 use volseggs_core::model::params::{self, HostTensor};
-use volseggs_core::model::rendering::check_dilation;
 use volseggs_core::model::{Counts, Model, Rendering, SceneError};
 use volseggs_core::train::InPlace;
 use volseggs_kernels::Camera;
@@ -51,7 +50,7 @@ impl Spec {
     /// The rendering settings.
     pub(super) fn rendering(&self) -> Rendering {
         let Self { background, sh_degree, dilation, .. } = *self;
-        Rendering { background, sh_degree, dilation, path_opacity: 0.0 }
+        Rendering { background, sh_degree, dilation, ..Rendering::default() }
     }
 
     /// Rejects invalid values before anything is allocated accordingly.
@@ -65,7 +64,7 @@ impl Spec {
                 "degrees {sh_degree} and {time_degree} do not fit {orders} orders of {sh_stride} coefficients"
             ));
         }
-        check_dilation(self.dilation)?;
+        self.rendering().check()?;
         let numbers = self.background.iter().chain(&self.centre).chain(&self.half_size);
         if !numbers.copied().all(f32::is_finite) || self.half_size.iter().any(|h| *h <= 0.0) {
             return Err("background, centre and half_size must be finite, half_size above 0".into());

@@ -8,7 +8,7 @@ use volseggs_base::rng::{Purpose, Rng};
 use volseggs_core::model::params::{sizes, to_vec};
 use volseggs_kernels::Camera;
 use volseggs_kernels::splat::reference::{Cutoffs, Scene, render};
-use volseggs_kernels::splat::{DILATION, SplatInputs, SplatSettings, splat, splat_covariances};
+use volseggs_kernels::splat::{Rendering, SplatInputs, SplatSettings, splat, splat_covariances};
 
 /// Directional coefficients, and orders in time.
 const SERIES: ColourSeries = ColourSeries { sh_stride: 4, time_degree: 2, duration: 1.3 };
@@ -185,7 +185,7 @@ fn settings() -> SplatSettings {
         rotation: [[0.96, 0.0, -0.28], [0.0, 1.0, 0.0], [0.28, 0.0, 0.96]],
         translation: [0.05, -0.1, 4.0],
     };
-    SplatSettings { camera, background: [0.1, 0.2, 0.3], sh_degree: 1, dilation: DILATION, path_opacity: 0.0 }
+    Rendering { background: [0.1, 0.2, 0.3], sh_degree: 1, ..Rendering::default() }.seen_by(camera)
 }
 
 /// The image in f64, from the f64 primitives.

@@ -60,7 +60,7 @@ pub fn seen(
     device: &Device,
 ) -> Result<Contributors, ContributorsError> {
     // colours do not affect the weights, and are most of the data to copy
-    let settings = SplatSettings { sh_degree: 0, ..settings };
+    let settings = settings.rendering.flat().seen_by(settings.camera);
     contributors(&gaussians.without_colours().into_splat(device), &settings, pixels)
 }
 

@@ -1,8 +1,8 @@
 //! Renders some Gaussians alone: colour, alpha and depth, as mask sources see them.
 
 use super::paint::flat;
-use crate::model::HostGaussians;
 pub use crate::model::pictures::{draw, draw_each};
+use crate::model::{HostGaussians, Rendering};
 use burn::tensor::Device;
 use volseggs_kernels::splat::SplatSettings;
 
@@ -62,5 +62,5 @@ pub fn mean_values(gaussians: &HostGaussians, values: &[f32], settings: SplatSet
 
 /// The same for painted Gaussians, which look alike from every side, over black.
 fn over_nothing(settings: SplatSettings) -> SplatSettings {
-    SplatSettings { background: [0.0; 3], sh_degree: 0, ..settings }
+    Rendering { background: [0.0; 3], ..settings.rendering.flat() }.seen_by(settings.camera)
 }

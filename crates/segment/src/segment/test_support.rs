@@ -12,7 +12,6 @@ use crate::segment::fine::network::Frame;
 use crate::segment::fine::views::{FineView, MaskedView, rank_scales};
 use crate::segment::masks::Mask;
 use glam::DVec3;
-use volseggs_kernels::splat::DILATION;
 
 /// Gaussians in a ball.
 pub const COUNT: usize = 60;
@@ -99,7 +98,7 @@ impl Balls {
 
 /// Rendering settings for the balls.
 pub fn rendering() -> Rendering {
-    Rendering { background: [0.0; 3], sh_degree: 0, dilation: DILATION, path_opacity: 0.0 }
+    Rendering::default()
 }
 
 /// Adds a Gaussian with the identity rotation.

@@ -4,7 +4,7 @@ use super::{Contributors, ContributorsError, cpu, reference};
 use crate::Camera;
 use crate::splat::cpu::{Attributes, bin, blend, covariance::Covariances, project};
 use crate::splat::reference::Scene;
-use crate::splat::{DILATION, SplatSettings};
+use crate::splat::{Rendering, SplatSettings};
 use proptest::prelude::*;
 
 /// Gaussians in f32 and the camera that sees them.
@@ -48,8 +48,7 @@ impl Fixture {
             rotation: [[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]],
             translation: [0.1, -0.05, 3.0],
         };
-        let settings =
-            SplatSettings { camera, background: [0.0; 3], sh_degree: 0, dilation: DILATION, path_opacity: 0.0 };
+        let settings = Rendering::default().seen_by(camera);
         Self {
             means: (0..3 * n).map(|_| r.range(-1.2, 1.2)).collect(),
             rotations: (0..4 * n).map(|_| r.range(-1.0, 1.0)).collect(),

@@ -117,7 +117,7 @@ fn blend_row(order: &Order, settings: &SplatSettings, row: usize, tiles_x: usize
     }
     for (x, state) in states.iter().enumerate() {
         let area = TileArea::new(row * tiles_x + x, tiles_x, width, height);
-        write_tile(state.as_deref(), &area, width, settings.background, strip);
+        write_tile(state.as_deref(), &area, width, settings.rendering.background, strip);
     }
     let mut offsets = vec![0u32];
     let mut entries = Vec::with_capacity(used.iter().map(Vec::len).sum());

@@ -6,7 +6,7 @@ use super::lanes::{LOG2_E, wide};
 use crate::activation::sigmoid;
 use crate::backend::filled;
 use crate::sh::{self, Bands};
-use crate::splat::{ALPHA_MIN, NEAR, SplatSettings};
+use crate::splat::{ALPHA_MIN, NEAR, Rendering, SplatSettings};
 use crate::turn::dot;
 use rayon::prelude::*;
 
@@ -51,7 +51,7 @@ impl Projection {
     /// Projects Gaussian `i` at `mean`.
     #[inline(always)]
     pub(crate) fn new(mean: [f32; 3], covariances: Covariances<&[f32]>, i: usize, settings: &SplatSettings) -> Self {
-        let SplatSettings { camera, dilation, .. } = settings;
+        let SplatSettings { camera, rendering: Rendering { dilation, .. } } = settings;
         let w = &camera.rotation;
         let camera_mean: [f32; 3] =
             std::array::from_fn(|i| w[i][0] * mean[0] + w[i][1] * mean[1] + w[i][2] * mean[2] + camera.translation[i]);
@@ -147,8 +147,8 @@ fn project_one(
 
     let (direction, _) = view_direction(mean, eye);
     let bands = Bands::of_any(a.sh_stride);
-    let b = sh::basis(direction, settings.sh_degree, bands);
-    let count = bands.count(settings.sh_degree);
+    let b = sh::basis(direction, settings.rendering.sh_degree, bands);
+    let count = bands.count(settings.rendering.sh_degree);
     let coefficients = &a.sh[3 * a.sh_stride * i..][..3 * count];
     let mut colour = [0.5f32; 3];
     for (k, c) in coefficients.chunks_exact(3).enumerate() {

@@ -106,7 +106,7 @@ fn one(
     // colour; a channel clamped at zero passes no gradient on
     let v_colour: [f32; 3] = std::array::from_fn(|c| if splat.colour[c] > 0.0 { g[6 + c] } else { 0.0 });
     let (direction, inverse_distance) = view_direction(mean, eye);
-    let degree = settings.sh_degree;
+    let degree = settings.rendering.sh_degree;
     let bands = Bands::of_any(a.sh_stride);
     let count = bands.count(degree);
     let basis = sh::basis(direction, degree, bands);

@@ -126,7 +126,7 @@ pub(super) fn binned(inputs: SplatTensors<CubeBackend>, settings: &SplatSettings
         arg(&radii),
         n as u32,
         sh.meta.shape()[1] as u32,
-        settings.sh_degree as u32,
+        settings.rendering.sh_degree as u32,
         Bands::of_any(sh.meta.shape()[1]) == Bands::Even,
         source.entries(),
     );
@@ -177,9 +177,9 @@ fn blend(client: &Client, binned: &Binned, image: &CubeTensor, settings: &SplatS
         settings.camera.height as u32,
         tiles_x as u32,
         tile_count as u32,
-        settings.background[0],
-        settings.background[1],
-        settings.background[2],
+        settings.rendering.background[0],
+        settings.rendering.background[1],
+        settings.rendering.background[2],
         save,
     );
     [states, used]
@@ -269,7 +269,7 @@ impl SplatBackwardOps for CubeBackend {
             n as u32,
             bins.capacity as u32,
             sh_stride as u32,
-            settings.sh_degree as u32,
+            settings.rendering.sh_degree as u32,
             Bands::of_any(sh_stride) == Bands::Even,
             source.entries(),
         );

@@ -24,7 +24,7 @@ pub(super) fn camera_words(settings: &SplatSettings) -> Vec<f32> {
     words.extend(camera.translation);
     words.extend(camera.position());
     words.extend(camera.jacobian_limits().as_flattened());
-    words.extend([camera.width as f32, camera.height as f32, settings.dilation]);
+    words.extend([camera.width as f32, camera.height as f32, settings.rendering.dilation]);
     words
 }
 

@@ -61,7 +61,7 @@ fn pixel_backward(
         t *= 1.0 - alpha;
     }
     // the loss per unit of light from behind
-    let mut behind: f64 = (0..3).map(|c| v[c] * f64::from(settings.background[c])).sum();
+    let mut behind: f64 = (0..3).map(|c| v[c] * f64::from(settings.rendering.background[c])).sum();
     for (at, [dx, dy], free, alpha, t) in blended.into_iter().rev() {
         let (g, out) = (&drawn[at].1, &mut out[at]);
         // the fourth channel is alpha, to which every Gaussian contributes its full weight
@@ -181,7 +181,7 @@ fn colour_backward(
     by: &ByScreen,
     out: &mut Scene,
 ) -> [f64; 3] {
-    let degree = settings.sh_degree;
+    let degree = settings.rendering.sh_degree;
     let (direction, length) = unit(g.direction);
     let by_colour: [f64; 3] = std::array::from_fn(|c| if projected.colour[c] > 0.0 { by.colour[c] } else { 0.0 });
     let mut by_basis = Vec::new();

@@ -110,7 +110,7 @@ pub fn render(scene: &Scene, settings: &SplatSettings, cutoffs: Cutoffs) -> Vec<
             }
             t *= 1.0 - alpha;
         }
-        image.extend((0..3).map(|c| colour[c] + t * f64::from(settings.background[c])));
+        image.extend((0..3).map(|c| colour[c] + t * f64::from(settings.rendering.background[c])));
         image.push(1.0 - t);
     }
     image
@@ -183,7 +183,7 @@ fn geometry(scene: &Scene, i: usize, settings: &SplatSettings) -> Geometry {
     let covariance: [[f64; 2]; 2] = std::array::from_fn(|a| {
         std::array::from_fn(|b| {
             let v: f64 = (0..3).map(|k| (0..3).map(|l| jw[a][k] * sigma[k][l] * jw[b][l]).sum::<f64>()).sum();
-            v + if a == b { f64::from(settings.dilation) } else { 0.0 }
+            v + if a == b { f64::from(settings.rendering.dilation) } else { 0.0 }
         })
     });
     let eye: [f64; 3] =
@@ -250,7 +250,7 @@ fn project(scene: &Scene, i: usize, settings: &SplatSettings) -> Option<Projecte
     let camera = &settings.camera;
     let g = geometry(scene, i, settings);
     let (conic, det) = conic(g.covariance);
-    let basis = basis_of(scene, unit(g.direction).0, settings.sh_degree);
+    let basis = basis_of(scene, unit(g.direction).0, settings.rendering.sh_degree);
     let colour: [f64; 3] = std::array::from_fn(|c| {
         let sum: f64 = basis.iter().enumerate().map(|(k, b)| b * scene.sh[(scene.sh_stride * i + k) * 3 + c]).sum();
         // not `f64::max`, which would turn NaN into 0: the kernels cull such a Gaussian

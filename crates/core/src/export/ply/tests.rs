@@ -90,7 +90,7 @@ fn by_default_a_file_has_the_degree_that_the_reference_loader_accepts_and_looks_
     let device = DeviceName::all()[0].open().unwrap();
     let image = |gaussians: &HostGaussians| {
         let sh_degree = gaussians.sh_degree();
-        let rendering = Rendering { background: [0.1; 3], sh_degree, dilation: 0.3, path_opacity: 0.0 };
+        let rendering = Rendering { background: [0.1; 3], sh_degree, ..Rendering::default() };
         to_vec(splat(gaussians.to_splat(&device), rendering.seen_by(camera)).image)
     };
     for degree in 0..=3 {

@@ -4,7 +4,6 @@ use super::super::{Mask, MaskReader};
 use super::*;
 use crate::data::paths::{Lens, training_cameras};
 use crate::device::DeviceName;
-use volseggs_kernels::splat::DILATION;
 
 /// Three dense balls along x; the first hides the others from +x.
 fn scene() -> HostGaussians {
@@ -64,7 +63,7 @@ fn shots() -> Vec<Shot> {
 fn make(groups: &[Group], shots: &[Shot], source: &Fronts, path: &Path, stop_at: usize) -> Result<u64, MakeError> {
     let device = DeviceName::all()[0].open().unwrap();
     let at = scene();
-    let rendering = Rendering { background: [1.0; 3], sh_degree: 0, dilation: DILATION, path_opacity: 0.0 };
+    let rendering = Rendering { background: [1.0; 3], ..Rendering::default() };
     let job =
         MaskJob { at: &at, groups, shots, time: 0.5, rendering, config: &MasksConfig::default(), device: &device };
     let mut views = 0;
