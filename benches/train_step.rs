@@ -22,7 +22,7 @@ use volseggs::config::types::{Config, DecoderKind, ModelConfig};
 use volseggs::device::DeviceName;
 use volseggs::method::preset;
 use volseggs::model::HostGaussians;
-use volseggs::model::factorised::field_shape;
+use volseggs::model::encoder::factorised::field_shape;
 use volseggs::train::densify::{self, Statistics};
 use volseggs::train::due::Due;
 use volseggs::train::losses;

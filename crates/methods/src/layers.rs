@@ -4,7 +4,7 @@ use burn::module::Param;
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
 use volseggs_base::rng::Rng;
-use volseggs_core::model::implicit::Layer;
+use volseggs_core::model::encoder::implicit::Layer;
 
 /// `len` values, uniform in [-bound, bound].
 pub(super) fn uniform(rng: &mut Rng, len: usize, bound: f64) -> Vec<f32> {

@@ -5,7 +5,7 @@
 use super::Gaussians;
 use super::appearance::Headlight;
 use super::decoder::linear;
-use super::implicit::{Layer, encode_points, encode_time};
+use super::encoder::implicit::{Layer, encode_points, encode_time};
 use super::size::{MAX_DEPTH, MAX_OCTAVES, layer};
 use crate::config::types::D3dgsConfig;
 use crate::rng::{Purpose, Rng};

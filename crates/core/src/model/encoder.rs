@@ -1,16 +1,20 @@
-//! Space-time encoders: a point and a time in, features out. To add a built-in one, write its file, a line in [`ENCODERS`]
-//! and, if it is a burn module of its own, a variant of [`Encoder`].
+//! Space-time encoders: a point and a time in, features out. To add a built-in one, write its file here, a line in
+//! [`ENCODERS`] and, if it is a burn module of its own, a variant of [`Encoder`].
+
+pub mod factorised;
+pub mod hexplane;
+pub mod implicit;
 
 use super::d3dgs::DeformationNetwork;
 use super::defined_encoder::DefinedEncoder;
-use super::factorised::{Factorised, FactorisedEncoder};
-use super::hexplane::{HexPlane, HexPlaneEncoder};
-use super::implicit::{Implicit, ImplicitEncoder};
 use crate::config::types::ModelConfig;
 use crate::memory::product;
 use crate::registry::{NotRegistered, Registry};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
+use factorised::{Factorised, FactorisedEncoder};
+use hexplane::{HexPlane, HexPlaneEncoder};
+use implicit::{Implicit, ImplicitEncoder};
 
 /// All encoders, which `model.encoder` chooses from.
 pub static ENCODERS: Registry<dyn EncoderFactory> =

@@ -13,13 +13,10 @@ pub mod drawing;
 pub mod embedding;
 pub mod encoder;
 pub mod encoder_definition;
-pub mod factorised;
 #[doc(hidden)]
 pub mod fixture;
 pub mod gaussians;
-pub mod hexplane;
 pub mod host;
-pub mod implicit;
 mod packed;
 pub mod params;
 pub mod pictures;

@@ -6,7 +6,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use volseggs_base::memory::product;
 use volseggs_base::rng::{Purpose, Rng};
-use volseggs_core::model::implicit::Layer;
+use volseggs_core::model::encoder::implicit::Layer;
 use volseggs_kernels::sine::sine;
 
 /// Inputs per pixel: horizontal and vertical position, polar angle, azimuth and time, each in [-1, 1].

@@ -10,7 +10,7 @@ use burn::tensor::activation::relu;
 use burn::tensor::module::linear;
 use burn::tensor::{Device, Tensor};
 use volseggs_base::rng::Rng;
-use volseggs_core::model::implicit::Layer;
+use volseggs_core::model::encoder::implicit::Layer;
 
 /// Red, green and blue.
 const COLOURS: usize = 3;

@@ -8,7 +8,7 @@ use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor};
 use volseggs_base::memory::product;
 use volseggs_base::rng::Rng;
-use volseggs_core::model::implicit::Layer;
+use volseggs_core::model::encoder::implicit::Layer;
 
 /// Number of values in each group of inputs: the time; the view direction.
 pub const GROUPS: [usize; 2] = [1, 3];

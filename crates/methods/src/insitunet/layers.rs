@@ -7,7 +7,7 @@ use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Device, Tensor};
 use rayon::prelude::*;
 use volseggs_base::rng::Rng;
-use volseggs_core::model::implicit::Layer;
+use volseggs_core::model::encoder::implicit::Layer;
 
 /// A convolution that keeps width and height.
 #[derive(Module, Debug)]

@@ -8,7 +8,7 @@ use burn::tensor::activation::sigmoid;
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
 use volseggs_base::rng::{Purpose, Rng};
-use volseggs_core::model::implicit::Layer;
+use volseggs_core::model::encoder::implicit::Layer;
 use volseggs_kernels::decoder::{DecoderShape, DecoderWeights, decoder};
 
 /// Two hidden layers with ReLU and an output layer without.

@@ -86,7 +86,7 @@ impl Default for ModelConfig {
             time_range: TimeRange::Full,
             bounds: Bounds::Points,
             bounds_margin: 0.0,
-            // the network of D3DGS, see `model::implicit`
+            // the network of D3DGS, see `model::encoder::implicit`
             implicit_octaves: 10,
             implicit_time_octaves: 6,
             implicit_width: 256,

@@ -1,9 +1,9 @@
 //! The paper's explicit encoder.
 
-use super::encoder::{Encoder, EncoderFactory};
-use super::time_curve;
+use super::{Encoder, EncoderFactory};
 use crate::config::types::{GridInit, ModelConfig, TimeCurve};
 use crate::memory::product;
+use crate::model::time_curve;
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};

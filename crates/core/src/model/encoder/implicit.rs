@@ -1,10 +1,10 @@
 //! The fully implicit encoder of the paper's ablation: a multi-layer perceptron on frequency encodings of point and
 //! time.
 
-use super::decoder::linear;
-use super::encoder::{Encoder, EncoderFactory};
-use super::size::{MAX_DEPTH, MAX_OCTAVES, layer};
+use super::{Encoder, EncoderFactory};
 use crate::config::types::ModelConfig;
+use crate::model::decoder::linear;
+use crate::model::size::{MAX_DEPTH, MAX_OCTAVES, layer};
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
 use burn::tensor::activation::relu;
@@ -165,7 +165,7 @@ impl ImplicitEncoder {
 }
 
 /// Points `[N, 3]` with sine and cosine of 2^k times them, k below `octaves`: `[N, 3 + 6 * octaves]`.
-pub(super) fn encode_points(points: Tensor<2>, octaves: usize) -> Tensor<2> {
+pub(in crate::model) fn encode_points(points: Tensor<2>, octaves: usize) -> Tensor<2> {
     if octaves == 0 {
         return points;
     }
@@ -174,7 +174,7 @@ pub(super) fn encode_points(points: Tensor<2>, octaves: usize) -> Tensor<2> {
 }
 
 /// The same encoding of a time, `[1, 1 + 2 * octaves]`.
-pub(super) fn encode_time(time: f32, octaves: usize, device: &Device) -> Tensor<2> {
+pub(in crate::model) fn encode_time(time: f32, octaves: usize, device: &Device) -> Tensor<2> {
     let angles = (0..octaves).map(|k| time * octave(k));
     let times: Vec<f32> = std::iter::once(time).chain(angles.flat_map(|a| [a.sin(), a.cos()])).collect();
     let row = [1, times.len()];

@@ -9,10 +9,10 @@
 //!
 //! At one time the planes over time are lines, so points are looked up by the same op as in the paper's encoder.
 
-use super::encoder::{Encoder, EncoderFactory};
 use super::factorised::{field_shape, first_values, grid_nodes};
-use super::time_curve;
+use super::{Encoder, EncoderFactory};
 use crate::config::types::{ModelConfig, TimeCurve};
+use crate::model::time_curve;
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
@@ -95,10 +95,10 @@ impl HexPlaneEncoder {
 #[cfg(test)]
 mod tests {
     use super::super::factorised::FactorisedEncoder;
-    use super::super::params::to_vec;
     use super::*;
     use crate::config::preset;
     use crate::config::types::GridInit;
+    use crate::model::params::to_vec;
 
     fn config(curve: TimeCurve) -> ModelConfig {
         let mut config = preset("best").unwrap().model;
