@@ -15,7 +15,7 @@ pub use crate::data::dataset_layout::DatasetLayout;
 pub use crate::data::scan::Scan;
 pub use crate::export::exporters::{Content, Exporter};
 pub use crate::export::splat_file::{SplatFileError, SplatFileOptions};
-pub use crate::method::network::{Network, OneNetwork, StepInput};
+pub use crate::method::network::{self, Network, StepInput};
 pub use crate::method::{Counts, Method, Model, Saved, Training};
 pub use crate::metrics::metric::{Better, Metric, MetricDisplay, MetricFailure, MetricInput, Networks};
 pub use crate::model::encoder::{EncoderFactory, find_encoder};
@@ -89,9 +89,4 @@ pub fn dataset_layout(name: &str, layout: impl DatasetLayout + 'static) {
 /// method of that name.
 pub fn method(name: &str, method: impl Method + 'static) {
     METHODS.insert(name, Box::new(method));
-}
-
-/// Registers a method that consists of a single network, see [`Network`].
-pub fn network(name: &str, network: impl Network) {
-    method(name, OneNetwork(network));
 }

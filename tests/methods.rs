@@ -31,7 +31,7 @@ const SETTINGS: [&str; 7] = [
 ];
 
 fn resolved(more: &[&str]) -> (Config, String) {
-    extend::network("pixels", method::Pixels);
+    extend::method("pixels", method::Pixels);
     let sets = SETTINGS.iter().chain(more).map(|s| (*s).to_owned());
     let resolved = volseggs::method::layers().source("best").sets(sets).resolve::<Config>().unwrap();
     (resolved.value.clone(), resolved.to_toml().unwrap())

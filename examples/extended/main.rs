@@ -20,6 +20,6 @@ fn main() -> std::process::ExitCode {
     volseggs::extend::densification("opaque", densification::Opaque { opacity: 0.1 });
     volseggs::extend::metric("foreground_psnr", metric::ForegroundPsnr);
     volseggs::extend::exporter(exporter::XYZ);
-    volseggs::extend::network("pixels", method::Pixels);
+    volseggs::extend::method("pixels", method::Pixels);
     volseggs::main()
 }

@@ -1,14 +1,16 @@
 //! A method without Gaussians: a small network from the camera's direction, the time and a pixel to the pixel's colour.
 
+use std::path::Path;
 use volseggs::burn; // for the derive
 use volseggs::burn::module::{Module, Param};
 use volseggs::burn::tensor::activation::sigmoid;
 use volseggs::burn::tensor::{Device, Tensor, TensorData};
 use volseggs::config::types::Config;
 use volseggs::data::Dataset;
-use volseggs::extend::{Network, PinholeCamera, StepInput};
-use volseggs::model::ToKernel;
+use volseggs::extend::{Method, Model, Network, PinholeCamera, StepInput, Training, network};
+use volseggs::model::{SceneError, ToKernel};
 use volseggs::rng::{Purpose, Rng};
+use volseggs::train::TrainError;
 
 /// Direction to the camera, time, column and row.
 const INPUTS: usize = 6;
@@ -47,11 +49,7 @@ impl Layers {
     }
 }
 
-impl Network for Pixels {
-    type Module = Layers;
-    /// Its width: all that its file stores besides the tensors.
-    type Spec = usize;
-
+impl Method for Pixels {
     fn check(&self, config: &Config) -> Result<(), String> {
         let is_whole = |name: &str| setting(config, name, 1.0) >= 1.0 && setting(config, name, 1.0).fract() == 0.0;
         match ["width", "steps"].into_iter().find(|name| !is_whole(name)) {
@@ -63,6 +61,20 @@ impl Network for Pixels {
     fn steps(&self, config: &Config) -> usize {
         setting(config, "steps", 2000.0) as usize
     }
+
+    fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
+        network::start(self, config, dataset, device)
+    }
+
+    fn open(&self, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError> {
+        network::open(self, path, device)
+    }
+}
+
+impl Network for Pixels {
+    type Module = Layers;
+    /// Its width: all that its file stores besides the tensors.
+    type Spec = usize;
 
     fn spec(&self, config: &Config, _: &Dataset) -> usize {
         setting(config, "width", 64.0) as usize

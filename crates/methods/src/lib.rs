@@ -23,7 +23,7 @@
 //!    method. The published settings as `configs/methods/NAME.toml` and those for two cores as
 //!    `configs/methods/NAME-small.toml`: `volseggs train --method NAME` uses the preset of that name.
 //! 3. [`Method`], [`Training`] and [`Model`] for it, and a line in `METHODS`; for a method that is one network, a
-//!    [`network::Network`] is enough, from which [`network::OneNetwork`] derives all three.
+//!    [`network::Network`] gives the last two.
 //! 4. Tests: the method can overfit one image; a resumed run is bit-identical to an uninterrupted one.
 //!
 //! A method outside this crate is registered instead, see `volseggs::extend::method` and `docs/research.md`.
@@ -135,7 +135,7 @@ pub static METHODS: Registry<dyn Method> = Registry::new(
         (VOLSEGGS, &VolSegGs),
         (d3dgs::NAME, &D3dgs),
         (fourdgs::NAME, &FourDgs),
-        ("coordnet", &network::OneNetwork(coordnet::CoordNet)),
+        ("coordnet", &coordnet::CoordNet),
         ("insitunet", &insitunet::InSituNetMethod),
         ("visnerf", &visnerf::VisNerfMethod),
     ],

@@ -1,7 +1,7 @@
 //! Methods that consist of one network, without Gaussians: training, files, resuming and guards follow from a few
 //! functions.
 
-use super::{Counts, Method, Model, Saved, Training, Work, file};
+use super::{Counts, Method, Model, Saved, Training, file};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use glam::DVec3;
@@ -11,7 +11,6 @@ use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::path::Path;
 use volseggs_base::memory::Budget;
-use volseggs_core::config::sections::Section;
 use volseggs_core::config::types::Config;
 use volseggs_core::model::SceneError;
 use volseggs_core::model::params::{self, HostTensor};
@@ -27,44 +26,13 @@ const HEADER: &str = "network";
 /// Bytes per parameter in training: the parameter, its gradient, two moments and a temporary.
 const BYTES: u128 = 20;
 
-/// A method that consists of one network, trained by Adam on a loss of tensors. [`OneNetwork`] makes it a [`Method`].
-pub trait Network: Clone + Debug + Send + Sync + 'static {
+/// A method that consists of one network, trained by Adam on a loss of tensors: its [`Method::start`] is [`start`], its
+/// [`Method::open`] is [`open`].
+pub trait Network: Method + Clone + Debug + 'static {
     /// The network, a burn module.
     type Module: Module + 'static;
     /// Data that creating the network and drawing need besides its tensors; kept in the header of its file.
     type Spec: Serialize + DeserializeOwned + Clone + Debug + Send + 'static;
-
-    /// As [`Method::section`].
-    fn section(&self) -> Option<Section> {
-        None
-    }
-
-    /// As [`Method::presets`].
-    fn presets(&self) -> &'static [(&'static str, &'static str)] {
-        &[]
-    }
-
-    /// As [`Method::check_ignored`].
-    ///
-    /// # Errors
-    /// The first such key with its value, and what to do.
-    fn check_ignored(&self, _: &Config) -> Result<(), String> {
-        Ok(())
-    }
-
-    /// Rejects settings that no training can start with.
-    ///
-    /// # Errors
-    /// The first invalid key with its value, and the values allowed.
-    fn check(&self, config: &Config) -> Result<(), String>;
-
-    /// Number of steps of the whole training.
-    fn steps(&self, config: &Config) -> usize;
-
-    /// The cost, as in [`Method::work`]; unknown by default.
-    fn work(&self, _: &Config) -> Option<Work> {
-        None
-    }
 
     /// The network's spec, from checked settings and the data.
     fn spec(&self, config: &Config, dataset: &Dataset) -> Self::Spec;
@@ -117,10 +85,6 @@ pub struct StepInput<'a, S> {
     pub device: &'a Device,
 }
 
-/// A [`Network`] as a [`Method`].
-#[derive(Clone, Copy, Debug)]
-pub struct OneNetwork<N>(pub N);
-
 /// A trained network.
 #[derive(Debug)]
 struct Drawer<N: Network> {
@@ -138,48 +102,35 @@ struct Header<S> {
     spec: S,
 }
 
-impl<N: Network> Method for OneNetwork<N> {
-    fn section(&self) -> Option<Section> {
-        self.0.section()
-    }
+/// [`Method::start`] of a network.
+///
+/// # Errors
+/// If no network can have its spec, or it does not fit into memory.
+pub fn start<N: Network>(
+    method: &N,
+    config: &Config,
+    dataset: &Dataset,
+    device: &Device,
+) -> Result<Box<dyn Training>, TrainError> {
+    let (method, device) = (method.clone(), device.clone().autodiff());
+    let background = evaluation_background(&config.data.background)?;
+    let spec = method.spec(config, dataset);
+    let bytes = method.parameters(&spec).map_err(TrainError::Config)?.saturating_mul(BYTES);
+    let what = format!("the network of the method {}", config.method);
+    Budget::now().check(what, bytes).map_err(|e| TrainError::Config(e.to_string()))?;
+    let module = InPlace::new(method.network(&spec, config.seed, &device));
+    let (total, optimizer) = (method.steps(config), Optimizer::new(method.adam(config)));
+    let watch = LossWatch::new(&device, config.output.checkpoint_every, total);
+    let drawer = Drawer { method, module, spec, background, device };
+    Ok(Box::new(Fit { drawer, optimizer, watch, config: config.clone(), total, step: 0 }))
+}
 
-    fn presets(&self) -> &'static [(&'static str, &'static str)] {
-        self.0.presets()
-    }
-
-    fn check_ignored(&self, config: &Config) -> Result<(), String> {
-        self.0.check_ignored(config)
-    }
-
-    fn check(&self, config: &Config) -> Result<(), String> {
-        self.0.check(config)
-    }
-
-    fn steps(&self, config: &Config) -> usize {
-        self.0.steps(config)
-    }
-
-    fn work(&self, config: &Config) -> Option<Work> {
-        self.0.work(config)
-    }
-
-    fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
-        let (method, device) = (self.0.clone(), device.clone().autodiff());
-        let background = evaluation_background(&config.data.background)?;
-        let spec = method.spec(config, dataset);
-        let bytes = method.parameters(&spec).map_err(TrainError::Config)?.saturating_mul(BYTES);
-        let what = format!("the network of the method {}", config.method);
-        Budget::now().check(what, bytes).map_err(|e| TrainError::Config(e.to_string()))?;
-        let module = InPlace::new(method.network(&spec, config.seed, &device));
-        let (total, optimizer) = (method.steps(config), Optimizer::new(method.adam(config)));
-        let watch = LossWatch::new(&device, config.output.checkpoint_every, total);
-        let drawer = Drawer { method, module, spec, background, device };
-        Ok(Box::new(Fit { drawer, optimizer, watch, config: config.clone(), total, step: 0 }))
-    }
-
-    fn open(&self, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError> {
-        Ok(Box::new(Drawer::read(self.0.clone(), path, device)?))
-    }
+/// [`Method::open`] of a network.
+///
+/// # Errors
+/// As there.
+pub fn open<N: Network>(method: &N, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError> {
+    Ok(Box::new(Drawer::read(method.clone(), path, device)?))
 }
 
 impl<N: Network> Drawer<N> {
@@ -260,8 +211,7 @@ impl<N: Network> Training for Fit<N> {
             self.optimizer.update(module, step, &mut gradients, rate)
         })?;
         self.step += 1;
-        let (loss, psnr) = self.watch.last();
-        Ok(StepReport { step, stage: "train", loss, psnr, primitives: 0, times })
+        Ok(self.watch.report(step, times))
     }
 
     fn model(&self) -> &dyn Model {

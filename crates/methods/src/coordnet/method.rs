@@ -2,19 +2,21 @@
 
 use super::network::{INPUTS, OUTPUTS, SineNetwork, parameters, values_per_pixel};
 use super::settings::CoordNetConfig;
-use crate::network::{Network, StepInput};
+use crate::network::{self, Network, StepInput};
 use crate::pixels::Pixels;
 use crate::sphere::ViewSphere;
-use crate::{Work, ignored};
+use crate::{Method, Model, Training, Work, ignored};
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
+use std::path::Path;
 use volseggs_base::memory::{Budget, product};
 use volseggs_core::config::sections::Section;
 use volseggs_core::config::types::Config;
-use volseggs_core::model::ToKernel;
+use volseggs_core::model::{SceneError, ToKernel};
+use volseggs_core::train::TrainError;
 use volseggs_kernels::Camera;
 use volseggs_volume::data::{Dataset, Frame};
 
@@ -34,10 +36,7 @@ pub struct CoordNetSpec {
     pub sphere: ViewSphere,
 }
 
-impl Network for CoordNet {
-    type Module = SineNetwork;
-    type Spec = CoordNetSpec;
-
+impl Method for CoordNet {
     fn section(&self) -> Option<Section> {
         Some(Section::new::<CoordNetConfig>())
     }
@@ -72,6 +71,19 @@ impl Network for CoordNet {
         let bytes = 20.0 * weights + 12.0 * settings.batch as f64 * values_per_pixel(settings) as f64;
         Some(Work::Network { step: settings.batch as f64 * weights, pixel: weights, bytes })
     }
+
+    fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
+        network::start(self, config, dataset, device)
+    }
+
+    fn open(&self, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError> {
+        network::open(self, path, device)
+    }
+}
+
+impl Network for CoordNet {
+    type Module = SineNetwork;
+    type Spec = CoordNetSpec;
 
     fn spec(&self, config: &Config, dataset: &Dataset) -> CoordNetSpec {
         CoordNetSpec { config: config.section().unwrap_or_default(), sphere: ViewSphere::around(&dataset.train) }

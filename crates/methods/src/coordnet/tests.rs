@@ -2,11 +2,9 @@ use super::CoordNet;
 use super::method::pixel_inputs;
 use crate::Method;
 use crate::coordnet::CoordNetConfig;
-use crate::network::{Network, OneNetwork};
+use crate::network::Network;
 use crate::test_support::{ball, change, check_resume, check_threads, device, error_of, preset, psnr, with_section};
 use volseggs_core::config::types::Config;
-
-const METHOD: OneNetwork<CoordNet> = OneNetwork(CoordNet);
 
 fn config(steps: usize) -> Config {
     let settings = CoordNetConfig {
@@ -24,8 +22,8 @@ fn config(steps: usize) -> Config {
 #[test]
 fn one_image_is_learnt_by_heart() {
     let (data, config) = (ball(1, 16), config(200));
-    METHOD.check(&config).unwrap();
-    let mut training = METHOD.start(&config, &data, &device()).unwrap();
+    CoordNet.check(&config).unwrap();
+    let mut training = CoordNet.start(&config, &data, &device()).unwrap();
     let before = psnr(training.model(), &data.train, 0);
     for _ in 0..training.total_steps() {
         training.step(&data.train).unwrap();
@@ -36,7 +34,7 @@ fn one_image_is_learnt_by_heart() {
 
 #[test]
 fn a_resumed_training_has_the_bits_of_a_whole_one() {
-    check_resume(&METHOD, &config(5), &ball(2, 16));
+    check_resume(&CoordNet, &config(5), &ball(2, 16));
 }
 
 #[test]
@@ -44,7 +42,7 @@ fn bits_do_not_depend_on_the_number_of_threads() {
     let mut config = config(3);
     // large enough for the matrix products to be split among threads
     change(&mut config, |settings: &mut CoordNetConfig| settings.widths = vec![64, 128]);
-    check_threads(&METHOD, &config, &ball(2, 32));
+    check_threads(&CoordNet, &config, &ball(2, 32));
 }
 
 #[test]
@@ -62,7 +60,7 @@ fn decay_alone_is_the_published_one() {
     let mut config = config(1);
     change(&mut config, |c: &mut CoordNetConfig| (c.weight_decay, c.rate) = (1e6, 1e-4));
     let data = ball(1, 16);
-    let mut training = METHOD.start(&config, &data, &device()).unwrap();
+    let mut training = CoordNet.start(&config, &data, &device()).unwrap();
     let before = training.model().parameters();
     training.step(&data.train).unwrap();
     for (name, tensor) in training.model().parameters() {
@@ -86,24 +84,24 @@ fn invalid_settings_and_files_are_refused() {
     for (edit, words) in cases {
         let mut config = config(1);
         change(&mut config, edit);
-        let error = METHOD.check(&config).unwrap_err();
+        let error = CoordNet.check(&config).unwrap_err();
         assert!(error.contains(words), "{error}");
     }
     let mut none = config(1);
     none.sections.remove("coordnet");
-    assert!(METHOD.check(&none).unwrap_err().contains("[coordnet]"));
+    assert!(CoordNet.check(&none).unwrap_err().contains("[coordnet]"));
     let mut large = config(1);
     change(&mut large, |settings: &mut CoordNetConfig| settings.batch = usize::MAX);
     let data = ball(1, 16);
-    let error = METHOD.check(&large).unwrap_err();
+    let error = CoordNet.check(&large).unwrap_err();
     assert!(error.contains("coordnet.batch = 18446744073709551615"), "{error}");
 
-    let error = error_of(&METHOD, |t| drop(t.pop_first()), &config(1), &data);
+    let error = error_of(&CoordNet, |t| drop(t.pop_first()), &config(1), &data);
     assert!(error.contains("the file holds"), "{error}");
     let poison = |tensors: &mut std::collections::BTreeMap<String, volseggs_core::model::params::HostTensor>| {
         tensors.values_mut().next().unwrap().values[0] = f32::NAN;
     };
-    let error = error_of(&METHOD, poison, &config(1), &data);
+    let error = error_of(&CoordNet, poison, &config(1), &data);
     assert!(error.contains("is not finite"), "{error}");
 }
 
@@ -113,6 +111,6 @@ fn presets_are_the_published_settings_and_smaller_ones() {
     assert_eq!((published.method.as_str(), published.section()), ("coordnet", Ok(CoordNetConfig::default())));
     let small = preset("coordnet-small");
     crate::check(&small).unwrap();
-    let spec = METHOD.0.spec(&small, &ball(2, 16));
-    assert!((40_000..50_000).contains(&METHOD.0.parameters(&spec).unwrap()));
+    let spec = CoordNet.spec(&small, &ball(2, 16));
+    assert!((40_000..50_000).contains(&CoordNet.parameters(&spec).unwrap()));
 }

@@ -171,10 +171,8 @@ impl Training for InSituNetTraining {
         let rate = self.spec().config.rate;
         timed(&mut times.adam, || self.learner.update(self.step, &mut gradients, |_| Some(rate)))?;
         timed(&mut times.adam, || self.learner.change(|model| model.generator.renew(seen)));
-        let step = self.step;
         self.step += 1;
-        let (loss, psnr) = self.watch.last();
-        Ok(StepReport { step, stage: "train", loss, psnr, primitives: 0, times })
+        Ok(self.watch.report(self.step - 1, times))
     }
 
     fn model(&self) -> &dyn Model {

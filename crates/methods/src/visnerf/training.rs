@@ -162,10 +162,8 @@ impl Training for VisNerfTraining {
             };
             timed(&mut times.adam, || self.learner.update(self.step, &mut gradients, rate))?;
         }
-        let step = self.step;
         self.step += 1;
-        let (loss, psnr) = self.watch.last();
-        Ok(StepReport { step, stage: "train", loss, psnr, primitives: 0, times })
+        Ok(self.watch.report(self.step - 1, times))
     }
 
     fn model(&self) -> &dyn Model {
