@@ -84,8 +84,7 @@ fn scene(n: usize, device: &Device) -> Scene {
         opacity_logits: values(n),
         sh: values(3 * k * n),
         sh_stride: k,
-        shading: None,
-        embedding: None,
+        ..HostGaussians::default()
     };
     let spec = SceneSpec {
         sh_degree: config.model.sh_degree,

@@ -248,8 +248,7 @@ fn densify_stage(scene: Scene, config: &Config, repeats: usize) -> Samples {
         opacity_logits: scene.opacity_logits,
         sh: scene.sh,
         sh_stride: SH_COEFFICIENTS,
-        shading: None,
-        embedding: None,
+        ..HostGaussians::default()
     };
     let change = || {
         let rows = densify::plan(0, due, &statistics, &host.opacity_logits, &host.log_scales, config, DISTANCE);

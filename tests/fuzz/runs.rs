@@ -180,8 +180,7 @@ fn ply() {
                 opacity_logits: vec![0.5; n],
                 sh: vec![0.25; n * 3 * (sh_degree + 1).pow(2)],
                 sh_stride: (sh_degree + 1).pow(2),
-                shading: None,
-                embedding: None,
+                ..HostGaussians::default()
             };
             ply::write(&gaussians, &path, &SplatFileOptions::default()).unwrap();
             std::fs::read(&path).unwrap()

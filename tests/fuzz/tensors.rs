@@ -118,8 +118,7 @@ pub fn scene(model: ModelConfig) -> Scene {
         opacity_logits: row(1),
         sh: row(3 * k),
         sh_stride: k,
-        shading: None,
-        embedding: None,
+        ..HostGaussians::default()
     };
     Scene::new(gaussians, spec(model), 1, &device())
 }

@@ -203,6 +203,22 @@ impl SplatInputs {
         self
     }
 
+    /// The same tensors without gradients, and without shading.
+    pub(crate) fn without_gradients(self) -> Self {
+        fn plain<const D: usize>(tensor: Tensor<D>) -> Tensor<D> {
+            if tensor.device().is_autodiff() { tensor.inner() } else { tensor }
+        }
+        Self {
+            means: plain(self.means),
+            rotations: plain(self.rotations),
+            log_scales: plain(self.log_scales),
+            opacity_logits: plain(self.opacity_logits),
+            sh: plain(self.sh),
+            screen_offsets: self.screen_offsets.map(plain),
+            shading: None,
+        }
+    }
+
     /// Checks shapes and settings.
     ///
     /// # Panics

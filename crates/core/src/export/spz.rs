@@ -131,8 +131,7 @@ mod tests {
             opacity_logits: wave(1, 4.0, 0.0),
             sh: wave(3 * sh_stride, 0.9, 0.0),
             sh_stride,
-            shading: None,
-            embedding: None,
+            ..HostGaussians::default()
         }
     }
 

@@ -202,7 +202,7 @@ mod tests {
             sh: vec![0.4, -0.2, 0.1, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09],
             sh_stride: 4,
             shading: Some(shading.clone()),
-            embedding: None,
+            ..HostGaussians::default()
         };
         let baked = gaussian.baked();
         assert_eq!((baked.sh_stride, &baked.shading, baked.mismatched_column()), (9, &None, None));

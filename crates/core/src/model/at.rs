@@ -82,16 +82,9 @@ impl Scene {
 
     fn without_colour(&self) -> HostGaussians {
         let g = &self.gaussians;
-        HostGaussians {
-            means: to_vec(g.means.val()),
-            rotations: to_vec(g.rotations.val()),
-            log_scales: to_vec(g.log_scales.val()),
-            opacity_logits: to_vec(g.opacity_logits.val()),
-            sh: vec![0.0; 3 * g.count()],
-            sh_stride: 1,
-            shading: None,
-            embedding: g.embedding.as_ref().map(HostEmbedding::from_param),
-        }
+        let sh = Tensor::zeros([g.count(), 1, 3], &g.means.val().device());
+        let plain = HostGaussians::from_splat(SplatInputs { sh, shading: None, ..g.val() });
+        HostGaussians { embedding: g.embedding.as_ref().map(HostEmbedding::from_param), ..plain }
     }
 
     /// Opacities `[N]` of the Gaussians marked in `asked` `[N]`, each at the first of the times looked at for which it is
@@ -166,8 +159,7 @@ mod tests {
             opacity_logits: (0..n).map(|i| i as f32 / 30.0 - 3.0).collect(),
             sh: vec![0.0; 3 * n],
             sh_stride: 1,
-            shading: None,
-            embedding: None,
+            ..HostGaussians::default()
         };
         let mut spec = SceneSpec { half_size: [1.5; 3], ..spec(model) };
         for deformed in [true, false] {

@@ -3,7 +3,6 @@
 //! changes.
 
 use super::Gaussians;
-use super::appearance::Headlight;
 use super::decoder::linear;
 use super::encoder::implicit::{Layer, encode_points, encode_time};
 use super::size::{MAX_DEPTH, MAX_OCTAVES, layer};
@@ -102,10 +101,7 @@ impl DeformationNetwork {
             means: means + columns(0, to_mean),
             rotations: rotations / length + columns(to_mean, to_mean + to_rotation),
             log_scales: scales.powi_scalar(2).clamp_min(MIN_SCALE * MIN_SCALE).log().mul_scalar(0.5),
-            opacity_logits: gaussians.opacity_logits.val(),
-            sh: gaussians.sh.val(),
-            screen_offsets: None,
-            shading: gaussians.headlight.as_ref().map(Headlight::val),
+            ..gaussians.val()
         }
     }
 }
@@ -281,8 +277,7 @@ mod tests {
             opacity_logits: vec![0.5; 3],
             sh: vec![0.1; 9],
             sh_stride: 1,
-            shading: None,
-            embedding: None,
+            ..HostGaussians::default()
         };
         let gaussians = Gaussians::from_host(host.clone(), &device);
         let change = to_vec(network.forward(gaussians.means.val(), 0.4));

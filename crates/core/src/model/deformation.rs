@@ -1,7 +1,6 @@
 //! The deformation field: canonical means and a time in, changes of every deformable attribute out.
 
 use super::Gaussians;
-use super::appearance::Headlight;
 use super::d3dgs::DeformationNetwork;
 use super::decoder::Decoder;
 use super::encoder::{Encoder, find_encoder};
@@ -81,9 +80,7 @@ impl DeformationField {
             } else {
                 opacity_logits
             },
-            sh: gaussians.sh.val(),
-            screen_offsets: None,
-            shading: gaussians.headlight.as_ref().map(Headlight::val),
+            ..gaussians.val()
         }
     }
 

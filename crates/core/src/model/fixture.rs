@@ -39,8 +39,7 @@ pub fn scene_of(encoder: &str) -> Scene {
         opacity_logits: vec![0.0; 2],
         sh: vec![0.1; 6],
         sh_stride: 1,
-        shading: None,
-        embedding: None,
+        ..HostGaussians::default()
     };
     Scene::new(gaussians, spec(model), 0, &device)
 }

@@ -107,14 +107,21 @@ impl HostGaussians {
     /// N Gaussians with K coefficients, all numbers 0, without shading or embedding.
     pub fn zeros(n: usize, sh_stride: usize) -> Self {
         let [means, rotations, log_scales, opacity_logits, sh] = widths(sh_stride).map(|width| vec![0.0; n * width]);
-        Self { means, rotations, log_scales, opacity_logits, sh, sh_stride, shading: None, embedding: None }
+        Self { means, rotations, log_scales, opacity_logits, sh, sh_stride, ..Self::default() }
     }
 
     /// One Gaussian with the attributes of a model's Gaussians: a placeholder for those of a file.
     pub fn one(model: &ModelConfig) -> Self {
-        let shading = HostShading::first(model, 1, 0);
-        let embedding = HostEmbedding::first(model.embedding, 1);
-        Self { shading, embedding, ..Self::zeros(1, size::coefficients(model) as usize) }
+        Self::zeros(1, size::coefficients(model) as usize).completed(model, 0)
+    }
+
+    /// The same with the initial values of the optional attributes that a model's Gaussians have and these lack.
+    #[must_use]
+    pub fn completed(mut self, model: &ModelConfig, seed: u64) -> Self {
+        let n = self.len();
+        self.shading = self.shading.or_else(|| HostShading::first(model, n, seed));
+        self.embedding = self.embedding.or_else(|| HostEmbedding::first(model.embedding, n));
+        self
     }
 
     /// New Gaussians with the same attributes, each column computed by `f` from the old one.
@@ -231,8 +238,7 @@ impl HostGaussians {
             opacity_logits: self.opacity_logits.clone(),
             sh: vec![0.0; 3 * self.len()],
             sh_stride: 1,
-            shading: None,
-            embedding: None,
+            ..Self::default()
         }
     }
 
@@ -294,8 +300,7 @@ mod tests {
             opacity_logits: count(3, 300.0),
             sh: count(36, 400.0),
             sh_stride: 4,
-            shading: None,
-            embedding: None,
+            ..HostGaussians::default()
         }
     }
 

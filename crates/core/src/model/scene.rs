@@ -1,7 +1,6 @@
 //! A scene: the result of training and the input of everything after it. Gaussians, their field, and where they lie.
 //! Its file format is in [`super::scene_file`].
 
-use super::embedding::HostEmbedding;
 use super::host::HostGaussians;
 use super::params::{self, FitError, HostTensor};
 use super::rendering::Rendering;
@@ -87,12 +86,9 @@ pub struct View {
 }
 
 impl Scene {
-    /// A scene from canonical Gaussians, with a new field. Gaussians without an embedding get one of zeros if the model
-    /// uses embeddings.
-    pub fn new(mut gaussians: HostGaussians, spec: SceneSpec, seed: u64, device: &Device) -> Self {
-        if spec.d3dgs.is_none() && gaussians.embedding.is_none() {
-            gaussians.embedding = HostEmbedding::first(spec.model.embedding, gaussians.len());
-        }
+    /// A scene from canonical Gaussians, completed for the model, with a new field.
+    pub fn new(gaussians: HostGaussians, spec: SceneSpec, seed: u64, device: &Device) -> Self {
+        let gaussians = gaussians.completed(&spec.model, seed);
         let field = match &spec.d3dgs {
             Some(network) => DeformationField::d3dgs(network, seed, device),
             None => DeformationField::new(&spec.model, spec.centre, spec.half_size, seed, device),

@@ -4,7 +4,6 @@ use crate::config::types::{Bounds, Config, D3dgsConfig, Placement};
 use crate::data::Split;
 use crate::data::error::DataError;
 use crate::data::hull::{Aabb, HullOptions, VisualHull, sample_coloured};
-use crate::model::appearance::HostShading;
 use crate::model::{HostGaussians, SceneSpec, size};
 use crate::rng::{Purpose, Rng};
 use glam::DVec3;
@@ -51,10 +50,10 @@ pub fn initialise(
         opacity_logits: vec![logit_f64(opacity) as f32; n],
         sh,
         sh_stride: k,
-        shading: HostShading::first(&config.model, n, config.seed),
-        embedding: None, // the scene adds it if its model has one
         means: points.iter().flatten().copied().collect(),
+        ..HostGaussians::default()
     };
+    let gaussians = gaussians.completed(&config.model, config.seed);
     let bounds = match (config.model.bounds, &hull) {
         (Bounds::Hull, Some(hull)) => hull.bounds,
         _ => points_box(&points),

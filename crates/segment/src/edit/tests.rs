@@ -28,8 +28,7 @@ pub fn state() -> HostGaussians {
         opacity_logits: wave(10, 1.9),
         sh: wave(480, 3.7),
         sh_stride: 16,
-        shading: None,
-        embedding: None,
+        ..HostGaussians::default()
     }
 }
 

@@ -92,8 +92,7 @@ mod tests {
             opacity_logits: vec![-2.0, 4.0, 4.0],
             sh: vec![0.3; 9],
             sh_stride: 1,
-            shading: None,
-            embedding: None,
+            ..HostGaussians::default()
         };
         let camera = Camera::look_at(DVec3::new(0.0, -4.0, 0.0), DVec3::ZERO, DVec3::Z, 0.5, 64, 48);
         (at, rendering().seen_by(camera.to_kernel()))

@@ -113,8 +113,7 @@ mod tests {
             opacity_logits: vec![0.0; n],
             sh: vec![0.7; 12 * n],
             sh_stride: 4,
-            shading: None,
-            embedding: None,
+            ..HostGaussians::default()
         }
     }
 

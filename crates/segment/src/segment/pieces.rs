@@ -109,8 +109,7 @@ mod tests {
             opacity_logits: vec![1.0; n],
             sh: vec![0.0; 3 * n],
             sh_stride: 1,
-            shading: None,
-            embedding: None,
+            ..HostGaussians::default()
         };
         let all: Vec<u32> = (0..n as u32).collect();
         assert_eq!(without_strays(&at, &all, None, &config).unwrap(), all[..40]);

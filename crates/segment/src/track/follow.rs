@@ -248,8 +248,7 @@ mod tests {
             opacity_logits: vec![1.0; n],
             sh: vec![0.0; 3 * n],
             sh_stride: 1,
-            shading: None,
-            embedding: None,
+            ..HostGaussians::default()
         })
     }
 

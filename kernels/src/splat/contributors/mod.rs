@@ -14,7 +14,6 @@ pub mod reference;
 
 use crate::splat::{SplatInputs, SplatSettings};
 use burn::backend::Dispatch;
-use burn::tensor::Tensor;
 use thiserror::Error;
 
 pub use ops::{ContributorsOps, ContributorsOutput};
@@ -58,19 +57,7 @@ pub fn contributors(
     pixels: &[u32],
 ) -> Result<Contributors, ContributorsError> {
     inputs.check(settings);
-    fn plain<const D: usize>(tensor: &Tensor<D>) -> Tensor<D> {
-        let tensor = tensor.clone();
-        if tensor.device().is_autodiff() { tensor.inner() } else { tensor }
-    }
-    let plain = SplatInputs {
-        means: plain(&inputs.means),
-        rotations: plain(&inputs.rotations),
-        log_scales: plain(&inputs.log_scales),
-        opacity_logits: plain(&inputs.opacity_logits),
-        sh: plain(&inputs.sh),
-        screen_offsets: inputs.screen_offsets.as_ref().map(plain),
-        shading: None, // weights do not depend on colours
-    };
+    let plain = inputs.clone().without_gradients(); // weights do not depend on colours
     Dispatch::contributors(plain.with_seen_opacities(settings).into_tensors(), *settings, pixels.to_vec()).lists
 }
 

@@ -18,8 +18,7 @@ fn sample(n: usize, sh_degree: usize) -> HostGaussians {
         opacity_logits: (0..n).map(value).collect(),
         sh: (0..n * k * 3).map(value).collect(),
         sh_stride: k,
-        shading: None,
-        embedding: None,
+        ..HostGaussians::default()
     }
 }
 
@@ -196,8 +195,7 @@ proptest! {
             opacity_logits: (0..n).map(value).collect(),
             sh: (0..n * k * 3).map(value).collect(),
             sh_stride: k,
-            shading: None,
-            embedding: None,
+            ..HostGaussians::default()
         };
         let written = bytes(&gaussians);
         // Compared as bytes, for NaN.

@@ -222,8 +222,7 @@ mod tests {
             opacity_logits: vec![0.0; n],
             sh: (0..12 * n).map(|v| v as f32).collect(),
             sh_stride: 4,
-            shading: None,
-            embedding: None,
+            ..HostGaussians::default()
         }
     }
 

@@ -97,8 +97,7 @@ fn a_quarter_turn_about_z_turns_x_into_y() {
         // Band 1 is C1 (-y, z, -x): seen along +x this Gaussian is bright in the first channel.
         sh: [vec![0.0; 9], vec![-1.0, 0.0, 0.0]].concat(),
         sh_stride: 4,
-        shading: None,
-        embedding: None,
+        ..HostGaussians::default()
     };
     let turn = edit(&["s"], rotate([0.0, 0.0, 3.0], 90.0, Some([1.0, 0.0, 0.0])));
     apply(&stack(&[turn]), &|_| Some(&[0]), &mut one).unwrap();

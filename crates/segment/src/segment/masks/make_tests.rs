@@ -15,8 +15,7 @@ fn scene() -> HostGaussians {
         opacity_logits: vec![4.0; n],
         sh: vec![0.3; 3 * n],
         sh_stride: 1,
-        shading: None,
-        embedding: None,
+        ..HostGaussians::default()
     }
 }
 
