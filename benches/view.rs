@@ -53,20 +53,12 @@ fn main() {
     let mut look = Look::open(&open, Selection::open(&open, &[], true).unwrap(), Show::Colour, None).unwrap();
     let prepared = look.prepare(&open.scene, 0.5).unwrap();
     let around = open.record.surroundings;
-    let view = View {
-        eye: [around.sphere.radius, 0.0, 1.0],
-        target: open.scene.spec.centre().to_array(),
-        up: [0.0, 0.0, 1.0],
-        fov: around.lens.fov_x,
-        size: [size; 2],
-        time: 0.5,
-        look: "colour".into(),
-        alone: Vec::new(),
-        hidden: Vec::new(),
-        edits: true,
-        palette: None,
-        range: None,
-    };
+    let (eye, target) = ([around.sphere.radius, 0.0, 1.0], open.scene.spec.centre().to_array());
+    let camera =
+        json!({ "eye": eye, "target": target, "up": [0, 0, 1], "fov": around.lens.fov_x, "size": [size, size] });
+    let mut view = json!({ "time": 0.5, "look": "colour", "edits": true });
+    view.as_object_mut().unwrap().extend(camera.as_object().unwrap().clone());
+    let view: View = serde_json::from_value(view).unwrap();
     let camera = view.camera(1.0).to_kernel();
     let (started, mut bare) = (Instant::now(), 0);
     while started.elapsed() < SPAN {

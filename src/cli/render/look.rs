@@ -3,9 +3,11 @@
 use super::super::CliError;
 use super::super::error::refuse;
 use super::super::values::point;
-use crate::run::look::Show as Shows;
+use crate::run::OpenRun;
+use crate::run::look::{Look, Show as Shows};
 use crate::run::numbers::Quantity;
 use crate::run::palette::Palette;
+use crate::run::selection::Selection;
 use crate::track::velocity::Component;
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -19,7 +21,7 @@ pub(super) struct LookArgs {
     /// Colour map: viridis, cividis or inferno for depth (viridis if not given) and speed (inferno), cool-warm or
     /// red-green for velocity along an axis (red-green).
     #[arg(long, value_name = "NAME")]
-    pub palette: Option<Palette>,
+    palette: Option<Palette>,
     /// Velocity along an axis (red forward, green backward; the default is x) or speed.
     #[arg(long, value_enum, value_name = "AXIS")]
     velocity_axis: Option<Axis>,
@@ -63,6 +65,15 @@ impl From<Axis> for Component {
 }
 
 impl LookArgs {
+    /// Draws `selection` as they say.
+    pub(super) fn open(&self, run: &OpenRun, selection: Selection) -> Result<Look, CliError> {
+        let look = Look::open(run, selection, self.show()?, self.palette)?;
+        Ok(match self.light {
+            Some(direction) => look.lit_from(run, direction.as_vec3().to_array())?,
+            None => look,
+        })
+    }
+
     /// The first option that was given.
     pub(super) fn given(&self) -> Option<&'static str> {
         self.show
@@ -101,7 +112,7 @@ impl LookArgs {
     ///
     /// # Errors
     /// If options do not go together.
-    pub(super) fn show(&self) -> Result<Shows, CliError> {
+    fn show(&self) -> Result<Shows, CliError> {
         let axis_alone = self.velocity_axis.is_some() && self.show != Some(Show::Velocity);
         refuse(&[("--velocity-axis", axis_alone)], "only for --show velocity")?;
         Ok(match self.show.unwrap_or(Show::Colour) {

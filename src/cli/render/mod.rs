@@ -130,11 +130,7 @@ impl RenderArgs {
     /// What is drawn, its name, and the segments shown alone, from the arguments or from a file.
     fn look(&self, run: &OpenRun, saved: Option<&Saved>) -> Result<(Look, String, Vec<String>), CliError> {
         let Some(Saved { name, view: saved, .. }) = saved else {
-            let look = Look::open(run, self.shown.select(run)?, self.look.show()?, self.look.palette)?;
-            let look = match self.look.light {
-                Some(direction) => look.lit_from(run, direction.as_vec3().to_array())?,
-                None => look,
-            };
+            let look = self.look.open(run, self.shown.select(run)?)?;
             return Ok((look, self.look.name(), self.shown.segments.clone()));
         };
         if let Some(flag) = self.look.given().or(self.shown.given()) {

@@ -1,7 +1,7 @@
 // The view in the address, so that it can be shared. The secret is never part of it.
 import { $, value } from "./dom.js";
 import { trainingFov } from "./camera.js";
-import { requestView } from "./picture.js";
+import { requestView, shown } from "./picture.js";
 import { app, emit, on, setAlone, setHidden, setRange } from "./state.js";
 import { setTime } from "./time.js";
 import { fromHash, isRange, toHash } from "./view-text.js";
@@ -9,10 +9,7 @@ import { fromHash, isRange, toHash } from "./view-text.js";
 
 function toAddress() {
   if (!app.camera) return;
-  const { alone, hidden, range } = app;
-  const [look, palette, edits] = [$("look").value, $("palette").value, $("edits-on").checked];
-  const hash = toHash({ ...app.camera.state(), time: value("when"), look, palette, alone, hidden, edits, range });
-  history.replaceState(null, "", hash);
+  history.replaceState(null, "", toHash({ ...app.camera.state(), time: value("when"), ...shown() }));
 }
 
 /** @param {RestoredView} view */

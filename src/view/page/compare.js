@@ -1,7 +1,7 @@
 // Comparison: a second picture beside the first, over it right of a divider, or in its place.
 import { $, canvas, context2d, make, say, value } from "./dom.js";
 import { restore } from "./address.js";
-import { requestView, restingView, size } from "./picture.js";
+import { requestView, restingView, shown, size } from "./picture.js";
 import { ask, hear } from "./socket.js";
 import { app, on, setComparison } from "./state.js";
 import { count, timeText } from "./units.js";
@@ -110,8 +110,7 @@ hear("beside", (message) => {
 function goToTestView() {
   const test = views[value("test-view")];
   if (!test) return say("The dataset has no test views.", true);
-  const { alone, hidden, range } = app;
-  restore({ ...test, look: $("look").value, palette: $("palette").value, alone, hidden, edits: $("edits-on").checked, range });
+  restore({ ...test, ...shown() });
   update();
 }
 $("test-view").onchange = goToTestView;

@@ -20,13 +20,17 @@ export function size() {
   return [side(Math.floor(box.width / columns)), side(box.height)];
 }
 
+/** What the picture shows, whatever the camera and the time. */
+export const shown = () => ({
+  look: $("look").value, palette: $("palette").value || null, alone: [...app.alone], hidden: [...app.hidden],
+  edits: $("edits-on").checked, range: app.range,
+});
+
 /** @param {Camera} camera @param {Welcome} welcome @param {boolean} moving @returns {RequestOf<"view">} */
 function view(camera, welcome, moving) {
   return {
     type: "view", ...camera.state(), fov: pictureFov(camera.fov, size(), welcome.size), size: size(), time: value("when"),
-    look: $("look").value, palette: $("palette").value || null,
-    alone: [...app.alone], hidden: [...app.hidden], edits: $("edits-on").checked, preview: app.preview, range: app.range,
-    moving, compare: app.compare,
+    ...shown(), preview: app.preview, moving, compare: app.compare,
   };
 }
 

@@ -84,19 +84,15 @@ export interface AppState {
 }
 
 /** A camera and what it shows, as restored from a file, an address or a test view. */
-export interface RestoredView {
+export interface RestoredView extends Partial<Omit<View, "eye" | "target" | "up" | "fov" | "look" | "alone" | "hidden" | "range">> {
   eye: Vec3;
   target: Vec3;
   up: Vec3;
   /** That of a picture of `size`; that of a training image if there is none. */
   fov: number;
-  size?: Vec2;
-  time?: number;
   look?: string | null;
-  palette?: string | null;
   alone: readonly string[];
   hidden: Iterable<string>;
-  edits?: boolean;
   range?: readonly number[] | null;
 }
 
