@@ -151,15 +151,8 @@ fn what_is_drawn_and_what_contributes_have_the_seen_opacities(on: Tested) {
     let camera = camera(32, 24);
     let rows = |v: Vec<f32>, width: usize| Tensor::<2>::from_data(TensorData::new(v, [n, width]), device);
     let sh = Tensor::<3>::from_data(TensorData::new(noise(7, 3 * n), [n, 1, 3]), device);
-    let base = SplatInputs {
-        means: rows(means, 3),
-        rotations: rows(rotations, 4),
-        log_scales: rows(log_scales, 3),
-        opacity_logits: Tensor::zeros([n], device),
-        sh,
-        screen_offsets: None,
-        shading: None,
-    };
+    let (rotations, log_scales) = (rows(rotations, 4), rows(log_scales, 3));
+    let base = SplatInputs::new(rows(means, 3), rotations, log_scales, Tensor::zeros([n], device), sh);
     let plain = settings(camera, 0);
     let by_path = Rendering { path_opacity: 0.7, ..plain.rendering }.seen_by(camera);
     let drawn = to_vec(splat(base.clone(), by_path).image);

@@ -111,15 +111,13 @@ impl Splatter {
     pub fn new(scene: &Scene, camera: Camera, device: &Device) -> Self {
         let n = scene.opacity_logits.len();
         let rows = |v: &[f32], d: usize| Tensor::<2>::from_data(TensorData::new(v.to_vec(), [n, d]), device);
-        let inputs = SplatInputs {
-            means: rows(&scene.means, 3),
-            rotations: rows(&scene.rotations, 4),
-            log_scales: rows(&scene.log_scales, 3),
-            opacity_logits: Tensor::from_data(TensorData::new(scene.opacity_logits.clone(), [n]), device),
-            sh: Tensor::from_data(TensorData::new(scene.sh.clone(), [n, SH_COEFFICIENTS, 3]), device),
-            screen_offsets: Some(Tensor::zeros([n, 2], device)),
-            shading: None,
-        };
+        let (means, rotations, log_scales) =
+            (rows(&scene.means, 3), rows(&scene.rotations, 4), rows(&scene.log_scales, 3));
+        let opacity_logits = Tensor::from_data(TensorData::new(scene.opacity_logits.clone(), [n]), device);
+        let sh = Tensor::from_data(TensorData::new(scene.sh.clone(), [n, SH_COEFFICIENTS, 3]), device);
+        let screen_offsets = Some(Tensor::zeros([n, 2], device));
+        let plain = SplatInputs::new(means, rotations, log_scales, opacity_logits, sh);
+        let inputs = SplatInputs { screen_offsets, ..plain };
         Self { inputs, settings: Rendering { sh_degree: 3, ..Rendering::default() }.seen_by(camera) }
     }
 

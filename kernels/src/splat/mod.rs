@@ -177,6 +177,17 @@ pub struct SplatInputs {
 }
 
 impl SplatInputs {
+    /// Gaussians with these attributes alone, in the shapes of the fields.
+    pub fn new(
+        means: Tensor<2>,
+        rotations: Tensor<2>,
+        log_scales: Tensor<2>,
+        opacity_logits: Tensor<1>,
+        sh: Tensor<3>,
+    ) -> Self {
+        Self { means, rotations, log_scales, opacity_logits, sh, screen_offsets: None, shading: None }
+    }
+
     /// Replaces the shading and the opacities by the colours and opacities that the camera sees.
     fn seen(self, settings: &SplatSettings) -> Self {
         let mut seen = self.with_seen_opacities(settings);

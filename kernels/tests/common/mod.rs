@@ -250,15 +250,12 @@ fn f32s(v: &[f64]) -> Vec<f32> {
 pub fn inputs(scene: &Scene, device: &Device) -> SplatInputs {
     let n = scene.opacity_logits.len();
     let k = scene.sh_stride;
-    SplatInputs {
-        means: Tensor::from_data(TensorData::new(f32s(&scene.means), [n, 3]), device),
-        rotations: Tensor::from_data(TensorData::new(f32s(&scene.rotations), [n, 4]), device),
-        log_scales: Tensor::from_data(TensorData::new(f32s(&scene.log_scales), [n, 3]), device),
-        opacity_logits: Tensor::from_data(TensorData::new(f32s(&scene.opacity_logits), [n]), device),
-        sh: Tensor::from_data(TensorData::new(f32s(&scene.sh), [n, k, 3]), device),
-        screen_offsets: Some(Tensor::from_data(TensorData::new(f32s(&scene.screen_offsets), [n, 2]), device)),
-        shading: None,
-    }
+    let rows = |values: &[f64], width| Tensor::from_data(TensorData::new(f32s(values), [n, width]), device);
+    let opacity_logits = Tensor::from_data(TensorData::new(f32s(&scene.opacity_logits), [n]), device);
+    let sh = Tensor::from_data(TensorData::new(f32s(&scene.sh), [n, k, 3]), device);
+    let (rotations, log_scales) = (rows(&scene.rotations, 4), rows(&scene.log_scales, 3));
+    let screen_offsets = Some(rows(&scene.screen_offsets, 2));
+    SplatInputs { screen_offsets, ..SplatInputs::new(rows(&scene.means, 3), rotations, log_scales, opacity_logits, sh) }
 }
 
 /// As [`inputs`], for a scene with covariances.
@@ -287,7 +284,7 @@ pub fn require_grad(i: SplatInputs) -> SplatInputs {
         opacity_logits: i.opacity_logits.require_grad(),
         sh: i.sh.require_grad(),
         screen_offsets: i.screen_offsets.map(Tensor::require_grad),
-        shading: None,
+        ..i
     }
 }
 

@@ -49,15 +49,9 @@ impl Gaussians {
 
     /// The canonical Gaussians as they are drawn without a deformation; with gradients where the parameters have them.
     pub fn val(&self) -> SplatInputs {
-        SplatInputs {
-            means: self.means.val(),
-            rotations: self.rotations.val(),
-            log_scales: self.log_scales.val(),
-            opacity_logits: self.opacity_logits.val(),
-            sh: self.sh.val(),
-            screen_offsets: None,
-            shading: self.headlight.as_ref().map(Headlight::val),
-        }
+        let (means, rotations, log_scales) = (self.means.val(), self.rotations.val(), self.log_scales.val());
+        let plain = SplatInputs::new(means, rotations, log_scales, self.opacity_logits.val(), self.sh.val());
+        SplatInputs { shading: self.headlight.as_ref().map(Headlight::val), ..plain }
     }
 
     /// Copies the attributes to the host.

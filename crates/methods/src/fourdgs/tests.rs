@@ -250,15 +250,9 @@ fn equal_quaternions_turn_space_alone(device: Device) {
     let rotations = of.iter().flat_map(|g| [g.left[0], -g.left[3], -g.left[2], -g.left[1]].map(|v| v as f32));
     let log_scales = of.iter().flat_map(|g| g.log_scales[..3].iter().map(|&v| v as f32).collect::<Vec<_>>());
     let rows = |values: Vec<f32>, width| Tensor::<2>::from_data(TensorData::new(values, [of.len(), width]), &device);
-    let three = SplatInputs {
-        means: module.means.val(),
-        rotations: rows(rotations.collect(), 4),
-        log_scales: rows(log_scales.collect(), 3),
-        opacity_logits: module.opacity_logits.val(),
-        sh: at.sh.clone(),
-        screen_offsets: None,
-        shading: None,
-    };
+    let (rotations, log_scales) = (rows(rotations.collect(), 4), rows(log_scales.collect(), 3));
+    let (means, opacity_logits) = (module.means.val(), module.opacity_logits.val());
+    let three = SplatInputs::new(means, rotations, log_scales, opacity_logits, at.sh.clone());
     let off = worst(&wide(splat_covariances(at, settings()).image), &wide(splat(three, settings()).image));
     println!("{off:.1e}");
     assert!(off < 1e-4, "off by {off:.1e}");
