@@ -219,7 +219,7 @@ mod tests {
     }
 
     fn rendering() -> Rendering {
-        Rendering { background: [1.0; 3], sh_degree: 2, dilation: 0.05, path_opacity: 1.0 }
+        Rendering { background: [1.0; 3], sh_degree: 2, dilation: 0.05, path_opacity: 1.0, ..Rendering::default() }
     }
 
     #[test]
