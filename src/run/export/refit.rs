@@ -219,7 +219,8 @@ mod tests {
     }
 
     fn rendering() -> Rendering {
-        Rendering { background: [1.0; 3], sh_degree: 2, dilation: 0.05, path_opacity: 1.0, ..Rendering::default() }
+        let ours = Rendering { dilation: 0.05, path_opacity: 1.0, ..Rendering::default() };
+        Rendering { background: [1.0; 3], sh_degree: 2, ..ours }
     }
 
     #[test]
