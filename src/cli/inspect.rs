@@ -12,7 +12,7 @@ use crate::export::ply;
 use crate::files::{RunPaths, check_file, write_named};
 use crate::memory::MIB;
 use crate::model::scene_file::{read_tensors, refuse_not_finite};
-use crate::run::contents::{Contents, Item};
+use crate::run::contents::{Item, RunContents};
 use crate::train::checkpoint;
 use crate::volume::formats::{READ, not_read};
 use clap::Args;
@@ -137,7 +137,7 @@ impl InspectArgs {
     }
 
     fn run_folder(&self) -> Result<(), CliError> {
-        let found = Contents::list(&self.path);
+        let found = RunContents::list(&self.path);
         if self.json {
             let mut value = serde_json::to_value(&found).map_err(CliError::failure)?;
             value["kind"] = "run".into();

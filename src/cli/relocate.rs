@@ -1,7 +1,7 @@
 //! `volseggs relocate`
 
 use super::{CliError, Common, command_line, print_json};
-use crate::files::Work;
+use crate::files::LockDuration;
 use crate::run::AnyRun;
 use crate::run::relocate::relocate;
 use crate::versioned::Versioned;
@@ -26,7 +26,7 @@ pub struct RelocateArgs {
 impl RelocateArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = AnyRun::open_locked(&self.run, &device, &command_line(), Work::Short)?;
+        let run = AnyRun::open_locked(&self.run, &device, &command_line(), LockDuration::Short)?;
         let run = relocate(run, &self.data)?;
         if self.common.json {
             return print_json(&Versioned::new(&run.record));

@@ -37,7 +37,7 @@ pub struct SegmentSize {
 
 /// What a run folder holds.
 #[derive(Clone, Debug, Default, Serialize)]
-pub struct Contents {
+pub struct RunContents {
     /// `complete`, `interrupted`, `running` or `broken off`; `None` if the record cannot be read.
     pub status: Option<String>,
     /// The record; `None` if it cannot be read.
@@ -58,7 +58,7 @@ pub struct Contents {
     pub files: Vec<Item>,
 }
 
-impl Contents {
+impl RunContents {
     /// Checks every file of the run in the folder `run` that a command reads. Nothing is changed.
     pub fn list(run: &Path) -> Self {
         let mut found = Self::default();

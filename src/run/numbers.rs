@@ -88,7 +88,7 @@ impl Quantity {
                 };
                 let mean = mean_values(&shown.cut(at), &alone(all), settings, &run.device());
                 let mean: Vec<f32> = mean.iter().map(|v| scaled(*v, calibration.speed_scale())).collect();
-                component.map_or(mean.clone(), |component| component.of(&mean))
+                component.map_or(mean.clone(), |component| component.values(&mean))
             }
         })
     }

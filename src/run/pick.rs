@@ -11,7 +11,7 @@ use crate::data::Camera;
 use crate::model::params::to_vec;
 use crate::model::{HostGaussians, Rendering, ToKernel};
 use crate::name::Name;
-use crate::segment::candidates::{CandidateCache, Candidates, SceneCache};
+use crate::segment::candidates::{CandidateCache, ClickCandidates, SceneCache};
 use crate::segment::click::{heaviest, under};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::AffinitySpec;
@@ -19,7 +19,7 @@ use crate::segment::levels::prepare;
 use crate::segment::nested::objects;
 use crate::segment::pick::{Granularity, PickError, PickOptions, Picked, meant, pick};
 use crate::segment::propagate::propagate;
-use crate::segment::segmentation::{Origin, Segment, Segmentation};
+use crate::segment::segmentation::{Segment, SegmentOrigin, Segmentation};
 use burn::tensor::Device;
 use glam::{DVec2, DVec3};
 use std::cell::RefCell;
@@ -148,11 +148,11 @@ impl Clicking {
         (field, spec): &(AffinityField, AffinitySpec),
         name: Option<&Name>,
         members: &[u32],
-        work: impl FnOnce(&Candidates<'_>) -> T,
+        work: impl FnOnce(&ClickCandidates<'_>) -> T,
     ) -> T {
         let name = name.cloned();
         let known = self.known.borrow_mut().remove(&name).unwrap_or_default();
-        let of = Candidates::new(field, &spec.frame, &self.places, &self.at, members, &self.config)
+        let of = ClickCandidates::new(field, &spec.frame, &self.places, &self.at, members, &self.config)
             .of_segment(name.is_some())
             .with_found(known)
             .with_surroundings(self.around.clone());
@@ -234,7 +234,7 @@ impl Clicking {
         {
             self.know_objects(field).map_err(RunError::failure)?;
         }
-        let pick = |of: &Candidates<'_>| pick(of, hit.gaussian, options);
+        let pick = |of: &ClickCandidates<'_>| pick(of, hit.gaussian, options);
         let picked = self.with_candidates(field, hit.within.as_ref(), &candidates, pick);
         let picked = picked.map_err(|e| match e {
             PickError::NoLevel { .. } | PickError::Number { .. } => RunError::input(e),
@@ -280,7 +280,7 @@ pub fn surface_point(
 
 /// A segment made by a click.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Made {
+pub struct MadeSegment {
     /// Number of its Gaussians.
     pub gaussians: usize,
     /// Number of those that the click did not select, as they are visible at other times.
@@ -299,7 +299,7 @@ pub fn commit(
     hit: &Hit,
     picked: &Picked,
     time: f64,
-) -> Result<Made, RunError> {
+) -> Result<MadeSegment, RunError> {
     let Picked { members, scale, threshold, .. } = picked;
     if members.is_empty() {
         return Err(RunError::input(format!(
@@ -314,9 +314,9 @@ pub fn commit(
     let within = whole.map_or_else(|| (0..run.scene.gaussians.count() as u32).collect(), |whole| whole.members.clone());
     let members = propagate(&run.scene, members, &within, time, &run.config.segment).map_err(RunError::failure)?;
     let from_other_times = members.iter().filter(|i| picked.members.binary_search(i).is_err()).count();
-    let made = Made { gaussians: members.len(), from_other_times };
+    let made = MadeSegment { gaussians: members.len(), from_other_times };
     let colour = all.free_colour();
-    let origin = Origin::Pick { scale: *scale, threshold: *threshold };
+    let origin = SegmentOrigin::Pick { scale: *scale, threshold: *threshold };
     let segment = Segment { name: name.clone(), parent, colour, time, origin, members };
     all.add(segment).map_err(RunError::input)?;
     segments.change(format!("pick {name}"), all.segments);

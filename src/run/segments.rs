@@ -8,14 +8,14 @@ use crate::draw::views::view_sheet;
 use crate::edit::EditStack;
 use crate::export::images::{encode_png, to_rgb8};
 use crate::files::write_atomic;
-use crate::memory::Budget;
+use crate::memory::MemoryBudget;
 use crate::model::{HostGaussians, ToKernel};
 use crate::name::Name;
 use crate::points::kmeans;
 use crate::segment::coarse::{Coarse, coarse, other_times};
-use crate::segment::history::History;
+use crate::segment::history::SegmentHistory;
 use crate::segment::pictures::draw_each;
-use crate::segment::segmentation::{Origin, Segment, Segmentation};
+use crate::segment::segmentation::{Segment, SegmentOrigin, Segmentation};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
 
@@ -45,7 +45,7 @@ impl Towards {
 #[derive(Clone, Debug)]
 pub struct RunSegments {
     path: PathBuf,
-    found: History,
+    found: SegmentHistory,
     /// The file of edits, in which segments are renamed too.
     edits: PathBuf,
     /// The folder of tracks, which are named after segments.
@@ -62,9 +62,9 @@ impl RunSegments {
     pub fn open(run: &OpenRun) -> Result<Self, RunError> {
         let path = run.paths().segments();
         if !path.exists() {
-            return Ok(Self::of(run, History::new(run.segments()?)));
+            return Ok(Self::of(run, SegmentHistory::new(run.segments()?)));
         }
-        let found = History::load(&path).map_err(RunError::input)?;
+        let found = SegmentHistory::load(&path).map_err(RunError::input)?;
         run.check_segments(found.now())?;
         Ok(Self::of(run, found))
     }
@@ -80,10 +80,10 @@ impl RunSegments {
 
     /// Returns no segments, whatever the file holds: for a run whose scene is still being trained.
     pub fn none(run: &OpenRun) -> Self {
-        Self::of(run, History::new(run.no_segments()))
+        Self::of(run, SegmentHistory::new(run.no_segments()))
     }
 
-    fn of(run: &OpenRun, found: History) -> Self {
+    fn of(run: &OpenRun, found: SegmentHistory) -> Self {
         let paths = run.paths();
         let (path, edits, tracks) = (paths.segments(), paths.edits(), paths.tracks());
         Self { path, found, edits, tracks, renamed: Vec::new() }
@@ -235,7 +235,7 @@ impl RunSegments {
         if members.is_empty() {
             return Err(RunError::input(format!("{name}: these segments hold no Gaussians")));
         }
-        all.add(Segment { name: name.clone(), parent: None, colour, time, origin: Origin::Group, members })
+        all.add(Segment { name: name.clone(), parent: None, colour, time, origin: SegmentOrigin::Group, members })
             .map_err(RunError::input)?;
         self.change(format!("group {name}"), all.segments);
         Ok(())
@@ -289,7 +289,7 @@ pub fn by_colour(run: &OpenRun, found: &Coarse, time: f64) -> Result<Segmentatio
     let mut all = run.no_segments();
     for (name, entry, members) in found.groups() {
         let name = Name::new(name).map_err(RunError::failure)?;
-        let segment = Segment { name, parent: None, colour: entry.rgb, time, origin: Origin::Coarse, members };
+        let segment = Segment { name, parent: None, colour: entry.rgb, time, origin: SegmentOrigin::Coarse, members };
         all.add(segment).map_err(RunError::failure)?;
     }
     Ok(all)
@@ -321,7 +321,7 @@ pub(super) fn check_clusters(clusters: usize, points: usize, of: &str, dimension
         return Err(RunError::input(format!("--clusters {clusters}: {of} only {points} Gaussians")));
     }
     let needed = kmeans::memory(points, dimensions, clusters);
-    Budget::now().check(format!("--clusters {clusters}"), needed).map_err(RunError::input)
+    MemoryBudget::now().check(format!("--clusters {clusters}"), needed).map_err(RunError::input)
 }
 
 /// Draws the first [`SHOWN`] of the `segments`, each alone from three sides, one row per segment.

@@ -6,9 +6,9 @@ use super::builds::OtherBuilds;
 use super::datasets::DataPlan;
 use super::file::EvalSpec;
 use super::plan::{Plan, Run};
-use super::result::{Progress, progress, read, read_segments, segments_path};
+use super::result::{RunCompletion, progress, read, read_segments, segments_path};
 use crate::config::types::Config;
-use crate::eval::segments::{Method, SegmentOptions};
+use crate::eval::segments::{SegmentEvalOptions, SelectionMethod};
 use crate::files::RunPaths;
 use crate::method::{self, GaussianWork, Work};
 use crate::train::budget::max_gaussians;
@@ -116,7 +116,7 @@ pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
 }
 
 /// The part of the cost that depends on the method.
-struct Share {
+struct MethodCost {
     steps: f64,
     cpu_seconds: f64,
     /// Seconds of CPU time per view, without what every view takes.
@@ -124,8 +124,8 @@ struct Share {
     memory: f64,
 }
 
-fn of_network(steps: f64, [per_step, per_pixel]: [f64; 2], bytes: f64, pixels: f64) -> Share {
-    Share {
+fn of_network(steps: f64, [per_step, per_pixel]: [f64; 2], bytes: f64, pixels: f64) -> MethodCost {
+    MethodCost {
         steps,
         // the backward pass takes twice as long as the forward pass
         cpu_seconds: steps * (PER_STEP + 3.0 * per_step * PER_PRODUCT),
@@ -134,7 +134,7 @@ fn of_network(steps: f64, [per_step, per_pixel]: [f64; 2], bytes: f64, pixels: f
     }
 }
 
-fn of_gaussians(config: &Config, work: GaussianWork, pixels: f64) -> Share {
+fn of_gaussians(config: &Config, work: GaussianWork, pixels: f64) -> MethodCost {
     let (start, end) = (config.init.points as f64, max_gaussians(config) as f64);
     let n = if end > start { 0.5 * (start + end) + 0.2 * end } else { end }.min(end);
     let (warm, joint) = (config.stages.warmup_steps as f64, config.stages.joint_steps as f64);
@@ -148,19 +148,19 @@ fn of_gaussians(config: &Config, work: GaussianWork, pixels: f64) -> Share {
         + pixels * losses::seconds_per_pixel(config);
     // parameters, gradients, two moments and the tape's copies of each Gaussian
     let memory = end * (4.0e3 + work.kept * 4.0);
-    Share { steps: warm + joint, cpu_seconds, view: end * (PER_GAUSSIAN_VIEW + products / 3.0), memory }
+    MethodCost { steps: warm + joint, cpu_seconds, view: end * (PER_GAUSSIAN_VIEW + products / 3.0), memory }
 }
 
 /// Estimates the seconds of CPU time that segments of a run of `config` on `data` take, measured as `spec` specifies.
-fn segmentation(spec: &SegmentOptions, config: &Config, data: &DataPlan) -> f64 {
+fn segmentation(spec: &SegmentEvalOptions, config: &Config, data: &DataPlan) -> f64 {
     let affinity = spec.config().affinity;
     let (fine, saga) = (affinity.steps as f64 * affinity.pixels as f64 / FINE_PIXELS, spec.saga_steps as f64);
     let per_gaussian = spec.methods.iter().map(|method| match method {
-        Method::Fine => fine * PER_FINE,
-        Method::CoarseFine => fine * PER_FINE_COLOUR,
-        Method::Saga => saga * PER_SAGA,
+        SelectionMethod::Fine => fine * PER_FINE,
+        SelectionMethod::CoarseFine => fine * PER_FINE_COLOUR,
+        SelectionMethod::Saga => saga * PER_SAGA,
         // colours and votes are not trained
-        Method::Coarse | Method::Sagd => 0.0,
+        SelectionMethod::Coarse | SelectionMethod::Sagd => 0.0,
     });
     let per_gaussian: f64 = per_gaussian.sum();
     let pixels = spec.views as f64 * f64::from(data.size[0]) * f64::from(data.size[1]);
@@ -200,9 +200,9 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize, retry: bool) -> Estima
             ratios.push(record.training_seconds * threads * BUSY / cost.cpu_seconds.max(1e-9));
         }
         let is_open = match progress(plan, i) {
-            Progress::Done => false,
-            Progress::Failed(_) => retry,
-            Progress::Open => true,
+            RunCompletion::Done => false,
+            RunCompletion::Failed(_) => retry,
+            RunCompletion::Open => true,
         };
         if runs.contains(&i) && is_open {
             open += 1;
@@ -295,14 +295,18 @@ mod tests {
         let data = plan.datasets.values().next().unwrap();
         let n = max_gaussians(&config) as f64 / 12_000.0;
         for (method, oracle, expected) in [
-            (Method::CoarseFine, false, 26.0 * n + 15.0),
-            (Method::Fine, true, 80.0 * n + 35.0),
-            (Method::Saga, false, 100.0 * n + 15.0),
-            (Method::Coarse, true, 35.0),
+            (SelectionMethod::CoarseFine, false, 26.0 * n + 15.0),
+            (SelectionMethod::Fine, true, 80.0 * n + 35.0),
+            (SelectionMethod::Saga, false, 100.0 * n + 15.0),
+            (SelectionMethod::Coarse, true, 35.0),
         ] {
-            let steps =
-                SegmentOptions { fine_steps: Some(1500), saga_steps: 500, views: 30, ..SegmentOptions::default() };
-            let found = segmentation(&SegmentOptions { methods: vec![method], oracle, ..steps }, &config, data);
+            let steps = SegmentEvalOptions {
+                fine_steps: Some(1500),
+                saga_steps: 500,
+                views: 30,
+                ..SegmentEvalOptions::default()
+            };
+            let found = segmentation(&SegmentEvalOptions { methods: vec![method], oracle, ..steps }, &config, data);
             assert!((found - expected).abs() < 1e-6 * expected, "{found} {expected}");
         }
         let spec = &plan.runs[0].segments[0];

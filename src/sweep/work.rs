@@ -4,14 +4,14 @@
 use super::claim::{Claimed, claim};
 use super::plan::{Plan, Run};
 use super::result::{
-    Failure, Metrics, Progress, failure_path, metrics_path, progress, read, read_metrics, read_segments, segments_path,
-    write, write_measured,
+    Metrics, RunCompletion, RunFailure, failure_path, metrics_path, progress, read, read_metrics, read_segments,
+    segments_path, write, write_measured,
 };
 use crate::config::types::Config;
 use crate::data::{SplitName, Truth};
 use crate::device::DeviceName;
-use crate::eval::segments::{self, SegmentOptions};
-use crate::files::{AtomicDir, LockError, RunLock, RunPaths, Work};
+use crate::eval::segments::{self, SegmentEvalOptions};
+use crate::files::{AtomicDir, LockDuration, LockError, RunLock, RunPaths};
 use crate::metrics::lpips::Lpips;
 use crate::metrics::metric::Networks;
 use crate::run::measure::{MeasuredOn, measure};
@@ -60,7 +60,7 @@ pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicB
         return Ok(ended);
     }
     // the claim keeps other sweeps away, also on other machines; the lock keeps away commands that a user runs
-    let lock = match RunLock::acquire(&folder, COMMAND, Work::Long) {
+    let lock = match RunLock::acquire(&folder, COMMAND, LockDuration::Long) {
         Ok(lock) => lock,
         Err(LockError::Held { holder, .. }) => return Ok(Ended::Busy(holder.to_string())),
         Err(LockError::Io { source, .. } | LockError::ReadOnly { source, .. }) => return Err(source),
@@ -81,9 +81,9 @@ pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicB
 /// How a run ended before: done, or failed; a failed run is tried again only on request (its record is then removed).
 fn ended(plan: &Plan, index: usize) -> Option<Ended> {
     match progress(plan, index) {
-        Progress::Done => Some(Ended::AlreadyDone),
-        Progress::Failed(failure) => Some(Ended::Failed(format!("{}: {}", failure.stage, failure.error))),
-        Progress::Open => None,
+        RunCompletion::Done => Some(Ended::AlreadyDone),
+        RunCompletion::Failed(failure) => Some(Ended::Failed(format!("{}: {}", failure.stage, failure.error))),
+        RunCompletion::Open => None,
     }
 }
 
@@ -99,12 +99,12 @@ struct Worker<'a> {
 /// The command that is named to others while this process holds the run.
 const COMMAND: &str = "volseggs sweep";
 
-fn failed<E: std::fmt::Display>(stage: &'static str) -> impl Fn(E) -> Failure {
-    move |e| Failure { error: e.to_string(), stage: stage.to_owned() }
+fn failed<E: std::fmt::Display>(stage: &'static str) -> impl Fn(E) -> RunFailure {
+    move |e| RunFailure { error: e.to_string(), stage: stage.to_owned() }
 }
 
 impl Worker<'_> {
-    fn go(&self, stop_after: Option<usize>) -> Result<Ended, Failure> {
+    fn go(&self, stop_after: Option<usize>) -> Result<Ended, RunFailure> {
         let config: Config = toml::from_str(&self.run.config).map_err(failed("config"))?;
         let device: DeviceName = self.run.device.parse().map_err(failed("device"))?;
         let device = device.open().map_err(failed("device"))?;
@@ -138,7 +138,7 @@ impl Worker<'_> {
         Ok(Ended::Done)
     }
 
-    fn record(&self) -> Result<RunRecord, Failure> {
+    fn record(&self) -> Result<RunRecord, RunFailure> {
         let path = RunPaths(self.folder).record();
         read(&path).ok_or_else(|| failed("eval")(format!("{}: missing or incomplete", path.display())))
     }
@@ -150,7 +150,7 @@ impl Worker<'_> {
         data: &Path,
         device: &Device,
         stop_after: Option<usize>,
-    ) -> Result<Option<Ended>, Failure> {
+    ) -> Result<Option<Ended>, RunFailure> {
         if let Ok(record) = self.record()
             && record.status == "complete"
             && checkpoint::newest_scene(self.folder).is_some()
@@ -185,7 +185,7 @@ impl Worker<'_> {
         })
     }
 
-    fn measure(&self, config: &Config, data: &Path, trained: &AnyRun, networks: &Networks) -> Result<(), Failure> {
+    fn measure(&self, config: &Config, data: &Path, trained: &AnyRun, networks: &Networks) -> Result<(), RunFailure> {
         let split = open_measured(data, SplitName::Test, config, self.plan.eval.views, None);
         let split = split.map_err(failed("eval"))?;
         let on = MeasuredOn::open(trained, Some(data), SplitName::Test).map_err(failed("eval"))?;
@@ -199,17 +199,17 @@ impl Worker<'_> {
 
     fn segments(
         &self,
-        spec: &SegmentOptions,
+        spec: &SegmentEvalOptions,
         seed: u64,
         data: &Path,
         trained: &OpenRun,
         networks: &[Lpips],
-    ) -> Result<(), Failure> {
+    ) -> Result<(), RunFailure> {
         let path = segments_path(self.plan, self.index, spec);
         if read_segments(&path).is_some() {
             return Ok(());
         }
-        let options = SegmentOptions { seed, ..spec.clone() };
+        let options = SegmentEvalOptions { seed, ..spec.clone() };
         let truth = Truth::read(data).map_err(failed("segments"))?;
         let widening = trained.widening();
         // never committed: it is removed when this ends, or now if an earlier process was killed

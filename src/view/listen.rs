@@ -6,7 +6,7 @@ use super::hub::Hub;
 use super::local;
 use super::others::Other;
 use super::render::Renderer;
-use super::server::{Shared, router};
+use super::server::{ServerState, router};
 use super::workspace::Workspace;
 use crate::memory::Bytes;
 use crate::user_error::UserError;
@@ -240,7 +240,7 @@ impl Listening {
     ) -> Result<(), ViewError> {
         let Self { runtime, listener, guard, options, .. } = self;
         let cache = usize::try_from(options.cache.0).unwrap_or(usize::MAX);
-        let shared = Shared::new(guard, hub.clone());
+        let shared = ServerState::new(guard, hub.clone());
         let router = router(shared.clone());
         std::thread::scope(|scope| {
             let drawing = std::thread::Builder::new().name("drawing".into()).spawn_scoped(scope, || {

@@ -6,7 +6,7 @@ use crate::config::types::Config;
 use crate::model::params::{FitError, HostTensor, collect};
 use crate::model::{Scene, SceneSpec};
 use crate::run::OpenRun;
-use crate::train::observer::{Next, Observer, RunProgress};
+use crate::train::observer::{Observer, RunProgress, TrainingAction};
 use crate::train::run::RunRecord;
 use burn::tensor::Device;
 use schemars::JsonSchema;
@@ -100,7 +100,7 @@ pub enum Wish {
 }
 
 #[derive(Debug, Default)]
-struct State {
+struct LiveState {
     progress: Progress,
     wish: Wish,
     copy: Option<SceneCopy>,
@@ -114,7 +114,7 @@ struct State {
 /// What the two threads share.
 #[derive(Debug)]
 pub struct Live {
-    state: Mutex<State>,
+    state: Mutex<LiveState>,
     begins: Condvar,
     hub: Arc<Hub>,
 }
@@ -177,7 +177,7 @@ impl Live {
         self.lock().end.clone()
     }
 
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, LiveState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -224,9 +224,9 @@ impl<'a> Onlooker<'a> {
 }
 
 impl Observer for Onlooker<'_> {
-    fn on_step(&mut self, now: &RunProgress<'_>) -> Next {
+    fn on_step(&mut self, now: &RunProgress<'_>) -> TrainingAction {
         // a viewer of a training that gives no Gaussians was refused before
-        let Some(scene) = now.model.scene() else { return Next::Continue };
+        let Some(scene) = now.model.scene() else { return TrainingAction::Continue };
         if self.copied.is_none() {
             self.begin(now, scene);
         }
@@ -257,6 +257,6 @@ impl Observer for Onlooker<'_> {
         if wakes {
             self.live.hub.wake();
         }
-        if paused { Next::Pause } else { Next::Continue }
+        if paused { TrainingAction::Pause } else { TrainingAction::Continue }
     }
 }

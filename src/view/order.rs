@@ -15,7 +15,7 @@ pub enum Stack {
 
 /// Numbers of steps that a history can undo and redo.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Steps {
+pub struct StepCounts {
     /// To undo.
     pub undo: usize,
     /// To redo.
@@ -24,14 +24,14 @@ pub struct Steps {
 
 /// The changes that were seen in both histories, newest last.
 #[derive(Clone, Debug, Default)]
-pub struct Order {
+pub struct ChangeOrder {
     done: Vec<Stack>,
     undone: Vec<Stack>,
 }
 
-impl Order {
+impl ChangeOrder {
     /// Records that a history was changed, undone or redone: its steps before and after show which.
-    pub fn record(&mut self, stack: Stack, before: Steps, after: Steps) {
+    pub fn record(&mut self, stack: Stack, before: StepCounts, after: StepCounts) {
         if after.redo > before.redo {
             for _ in before.redo..after.redo {
                 take_last(&mut self.done, stack);
@@ -54,13 +54,13 @@ impl Order {
     }
 
     /// Returns the history of which to undo a step.
-    pub fn to_undo(&self, segments: Steps, edits: Steps) -> Option<Stack> {
+    pub fn to_undo(&self, segments: StepCounts, edits: StepCounts) -> Option<Stack> {
         let last = self.done.last().copied();
         last.or_else(|| first(edits.undo, segments.undo))
     }
 
     /// Returns the history of which to redo a step.
-    pub fn to_redo(&self, segments: Steps, edits: Steps) -> Option<Stack> {
+    pub fn to_redo(&self, segments: StepCounts, edits: StepCounts) -> Option<Stack> {
         let last = self.undone.last().copied();
         // after a change that was seen, what was undone before stays undone
         last.or_else(|| first(edits.redo, segments.redo).filter(|_| self.done.is_empty()))
@@ -98,14 +98,14 @@ mod tests {
     /// Two histories as their files have them, and the order.
     #[derive(Default)]
     struct Both {
-        order: Order,
-        steps: [Steps; 2],
+        order: ChangeOrder,
+        steps: [StepCounts; 2],
     }
 
     impl Both {
         fn to(&mut self, stack: Stack, undo: usize, redo: usize) {
             let steps = &mut self.steps[usize::from(stack == Stack::Edits)];
-            let after = Steps { undo, redo };
+            let after = StepCounts { undo, redo };
             self.order.record(stack, *steps, after);
             *steps = after;
         }
@@ -143,7 +143,8 @@ mod tests {
     #[test]
     fn earlier_changes_are_undone_edits_first_and_forgotten_ones_never() {
         use Stack::{Edits, Segments};
-        let mut both = Both { steps: [Steps { undo: 50, redo: 1 }, Steps { undo: 2, redo: 0 }], ..Both::default() };
+        let mut both =
+            Both { steps: [StepCounts { undo: 50, redo: 1 }, StepCounts { undo: 2, redo: 0 }], ..Both::default() };
         assert_eq!((both.undo(), both.redo()), (Some(Edits), Some(Segments)));
         for _ in 0..60 {
             // the number of remembered changes has reached its limit

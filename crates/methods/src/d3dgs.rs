@@ -4,7 +4,7 @@
 use super::{GaussianWork, Method, Model, Training, Work, ignored};
 use burn::tensor::Device;
 use std::path::Path;
-use volseggs_core::config::sections::Section;
+use volseggs_core::config::sections::ConfigSection;
 use volseggs_core::config::types::{Config, D3dgsConfig};
 use volseggs_core::model::{Scene, SceneError, d3dgs};
 use volseggs_core::train::{TrainError, Trainer};
@@ -18,8 +18,8 @@ pub struct D3dgs;
 pub(super) const NAME: &str = "d3dgs";
 
 impl Method for D3dgs {
-    fn section(&self) -> Option<Section> {
-        Some(Section::new::<D3dgsConfig>())
+    fn section(&self) -> Option<ConfigSection> {
+        Some(ConfigSection::new::<D3dgsConfig>())
     }
 
     fn presets(&self) -> &'static [(&'static str, &'static str)] {

@@ -27,10 +27,10 @@ mod cube;
 pub mod reference;
 mod views;
 
-use crate::Camera;
+use crate::PinholeCamera;
 use crate::path_opacity::{MAX_EXPONENT, path_opacity};
 use crate::sh::Bands;
-use crate::shading::{Shading, shaded};
+use crate::shading::{GaussianShading, shaded};
 use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{Backend, Dispatch, ExtensionType, backend_extension};
 use burn::tensor::{Int, Tensor};
@@ -62,7 +62,7 @@ pub const MINOR_SLACK: f32 = 1e-5;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SplatSettings {
     /// The camera, with the image size.
-    pub camera: Camera,
+    pub camera: PinholeCamera,
     /// Background colour, RGB.
     pub background: [f32; 3],
     /// Spherical-harmonics degree in use, 0 to 3, or to 4 where the coefficients are of even bands; those beyond it are
@@ -190,7 +190,7 @@ pub struct SplatInputs {
     /// that densification needs. `None` if it is not needed.
     pub screen_offsets: Option<Tensor<2>>,
     /// Shading of the first coefficients, which are then base colours; `None` if they are the final colours.
-    pub shading: Option<Shading>,
+    pub shading: Option<GaussianShading>,
 }
 
 impl SplatInputs {
@@ -251,7 +251,7 @@ fn offsets_or_zeros(offsets: Option<Tensor<2>>, means: &Tensor<2>) -> Tensor<2> 
     offsets.unwrap_or_else(|| Tensor::zeros([means.dims()[0], 2], &means.device()))
 }
 
-/// Renders Gaussians through a camera, with their [`Shading`] applied if they have one, and with the opacities that the
+/// Renders Gaussians through a camera, with their [`GaussianShading`] applied if they have one, and with the opacities that the
 /// camera sees.
 ///
 /// # Panics

@@ -6,7 +6,7 @@ use crate::export::exporters::FieldWriter;
 use crate::export::fields::FieldVolume;
 use crate::log::progress;
 use crate::run::OpenRun;
-use crate::run::export::{Output, Record};
+use crate::run::export::{ExportRecord, Output};
 use crate::run::fields::{FieldKind, FieldPlan, RunFields};
 use serde_json::json;
 
@@ -56,7 +56,7 @@ pub(super) fn run(
         bar.inc(1);
     }
     bar.finish_and_clear();
-    output.finish(&Record::new(run, extension, &times, plan.edited, &plan.segments), &needed)?;
+    output.finish(&ExportRecord::new(run, extension, &times, plan.edited, &plan.segments), &needed)?;
     let grid = fields.grid.file;
     let [x, y, z] = grid.dims;
     errln!(

@@ -2,7 +2,7 @@
 
 use super::super::values::count;
 use super::super::{CliError, Common, print_json};
-use crate::files::Work;
+use crate::files::LockDuration;
 use crate::name::Name;
 use crate::run::segments::{RunSegments, Towards};
 use crate::run::{OpenRun, RunError};
@@ -15,7 +15,7 @@ fn change<T>(
     common: &Common,
     change: impl FnOnce(&OpenRun, &mut RunSegments) -> Result<T, RunError>,
 ) -> Result<(RunSegments, T), CliError> {
-    let run = common.open_to_write(run, Work::Short)?;
+    let run = common.open_to_write(run, LockDuration::Short)?;
     let mut segments = RunSegments::open(&run)?;
     let found = change(&run, &mut segments)?;
     segments.save()?;

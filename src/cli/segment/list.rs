@@ -1,7 +1,7 @@
 //! `volseggs segment list`
 
 use super::super::{CliError, Common, print_json};
-use crate::run::materials::{Assigned, Made, materials};
+use crate::run::materials::{Assigned, SegmentMaterial, materials};
 use crate::run::segments::{RunSegments, Towards};
 use crate::segment::segmentation::Segment;
 use crate::shell;
@@ -20,7 +20,7 @@ pub struct ListArgs {
 }
 
 #[derive(Serialize)]
-struct Report<'a> {
+struct SegmentListReport<'a> {
     /// Number of Gaussians in the scene.
     gaussians: usize,
     /// Fingerprint of the scene.
@@ -39,7 +39,7 @@ struct Listed<'a> {
     segment: &'a Segment,
     /// What it is made of, if the dataset's transfer function is known.
     #[serde(skip_serializing_if = "Option::is_none")]
-    material: Option<Made>,
+    material: Option<SegmentMaterial>,
 }
 
 impl ListArgs {
@@ -54,11 +54,17 @@ impl ListArgs {
         if self.common.json {
             let listed = |(_, segment): (usize, _)| Listed { segment, material: material(segment) };
             let segments = tree.into_iter().map(listed).collect();
-            return print_json(&Report { gaussians: all.gaussians, scene: &all.scene, segments, undo, redo });
+            return print_json(&SegmentListReport {
+                gaussians: all.gaussians,
+                scene: &all.scene,
+                segments,
+                undo,
+                redo,
+            });
         }
         for (depth, segment) in &tree {
             let name = format!("{:width$}{}", "", segment.name, width = 2 * depth);
-            let made = material(segment).map_or_else(String::new, |Made { material, share }| {
+            let made = material(segment).map_or_else(String::new, |SegmentMaterial { material, share }| {
                 format!("  {:.0} % {} {}", 100.0 * share, material.name, material.hex)
             });
             outln!("{name:30} {:>8} Gaussians  found at {:.3}{made}", segment.members.len(), segment.time);

@@ -1,6 +1,6 @@
 //! Comparison of a selection, drawn alone, with the ground truth, view by view.
 
-use super::select::Selected;
+use super::select::SelectedGaussians;
 use super::truth::{TruthFrame, TruthImage};
 use crate::metrics::lpips::{Lpips, LpipsNet};
 use crate::metrics::psnr::{psnr_of_pictures, to_8_bits};
@@ -56,7 +56,7 @@ impl Judge<'_> {
     pub fn score(
         &self,
         at: &HostGaussians,
-        selected: &Selected,
+        selected: &SelectedGaussians,
         frame: &TruthFrame,
         truth: &TruthImage,
     ) -> Result<(FrameScore, Vec<f32>), String> {

@@ -54,7 +54,7 @@ impl From<Union> for String {
 
 /// One row of the tables.
 #[derive(Clone, Debug)]
-pub struct Target {
+pub struct EvalTarget {
     /// Its name.
     pub name: String,
     /// Ids of its segments in label images and volumes, at the time of the click.
@@ -70,7 +70,7 @@ pub struct Target {
 /// # Errors
 /// If a segment is unknown, a union has the name of a segment or of another union, or the segments of a union are known
 /// in different views.
-pub fn targets(truth: &Truth, only: &[String], unions: &[Union], clicked: f64) -> Result<Vec<Target>, DataError> {
+pub fn targets(truth: &Truth, only: &[String], unions: &[Union], clicked: f64) -> Result<Vec<EvalTarget>, DataError> {
     let path = truth.root.join(truth::FILE);
     let bad = |problem: String| {
         let names: Vec<&str> = truth.file.segments.iter().map(|s| s.name.as_str()).collect();
@@ -85,7 +85,7 @@ pub fn targets(truth: &Truth, only: &[String], unions: &[Union], clicked: f64) -
         id(name)?;
     }
     let target = |name: String, ids: Vec<u16>| match followed(truth, &ids, clicked) {
-        Some(frames) => Ok(Target { name, ids, frames }),
+        Some(frames) => Ok(EvalTarget { name, ids, frames }),
         None => Err(bad(format!("the segments of \"{name}\" have ground truth in different views"))),
     };
     let wanted = truth.file.segments.iter().filter(|s| only.is_empty() || only.contains(&s.name));
@@ -128,7 +128,7 @@ fn followed(truth: &Truth, ids: &[u16], clicked: f64) -> Option<Vec<TruthFrame>>
 mod tests {
     use super::*;
     use crate::data::Normalisation;
-    use crate::data::lineage::{Change, LineageEvent};
+    use crate::data::lineage::{LineageChange, LineageEvent};
     use crate::data::truth::{SegmentEntry, SegmentFile, SegmentFrame};
 
     fn truth() -> Truth {
@@ -191,7 +191,7 @@ mod tests {
         let mut truth = truth();
         let Truth { file, .. } = &mut truth;
         file.segments.truncate(2);
-        file.lineage.push(LineageEvent { time: 0.4, segment: 1, change: Change::Ended, other: Some(2) });
+        file.lineage.push(LineageEvent { time: 0.4, segment: 1, change: LineageChange::Ended, other: Some(2) });
         let times = |clicked| -> Vec<Vec<(f64, usize)>> {
             let found = targets(&truth, &[], &[], clicked).unwrap();
             found.iter().map(|t| t.frames.iter().map(|f| (f.time, f.segments())).collect()).collect()

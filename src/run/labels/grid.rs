@@ -4,13 +4,13 @@
 use super::super::{OpenRun, RunError};
 use crate::data::calibration::{AxisConvention, PhysicalSpace};
 use crate::data::{Aabb, Normalisation};
-use crate::memory::{Budget, product};
+use crate::memory::{MemoryBudget, product};
 use crate::model::HostGaussians;
 use crate::prepare::PrepareRecord;
 use crate::volume::formats;
 use crate::volume::grid::Grid;
-use crate::volume::placement::{Placement, published_side};
-use crate::volume::source::{Header, Physical, VOXELS};
+use crate::volume::placement::{VoxelPlacement, published_side};
+use crate::volume::source::{Physical, VOXELS, VolumeHeader};
 use glam::{DMat3, DQuat, DVec3};
 use std::path::Path;
 
@@ -80,7 +80,7 @@ impl LabelGrid {
     }
 
     /// The voxels of a placed grid.
-    fn placed(placement: &Placement, file: Grid, physical: Physical, is_source: bool) -> Self {
+    fn placed(placement: &VoxelPlacement, file: Grid, physical: Physical, is_source: bool) -> Self {
         let scene = over_box((-placement.half).to_array(), placement.half.to_array(), file.dims);
         let Physical { axes, length_unit: unit, .. } = physical;
         Self { scene, file, axes, unit, is_source, turn: placement.turn() }
@@ -107,7 +107,7 @@ pub(in crate::run) fn check_memory(grid: &LabelGrid, like: Option<&Path>, bytes:
         Some(file) => format!("--like {} ({x} x {y} x {z} voxels)", file.display()),
         None => format!("--dims {x},{y},{z}"),
     };
-    Budget::now().check(what, product(&[x, y, z, bytes])).map_err(RunError::input)
+    MemoryBudget::now().check(what, product(&[x, y, z, bytes])).map_err(RunError::input)
 }
 
 /// Chooses the voxels: those of the file `like`; else those that the dataset at `data` was prepared from (`record`), or
@@ -163,13 +163,13 @@ fn physical(record: &PrepareRecord) -> Physical {
 
 /// The voxels of a volume file: at their physical places if these are known of the file and of the dataset, otherwise
 /// over the box of the dataset's volume.
-fn alike(header: Header, record: Option<&PrepareRecord>, notes: &mut Vec<String>) -> Result<LabelGrid, String> {
-    let Header { grid: file, physical: stated, .. } = header;
+fn alike(header: VolumeHeader, record: Option<&PrepareRecord>, notes: &mut Vec<String>) -> Result<LabelGrid, String> {
+    let VolumeHeader { grid: file, physical: stated, .. } = header;
     if file.dims.iter().any(|n| *n < 2) {
         return Err(format!("{:?} voxels; at least 2 are needed along each axis", file.dims));
     }
     let Some(record) = record else {
-        return Ok(LabelGrid::placed(&Placement::new(&file, published_side()), file, stated, false));
+        return Ok(LabelGrid::placed(&VoxelPlacement::new(&file, published_side()), file, stated, false));
     };
     let source = record.grid();
     if let Some(space) = &record.calibration.space
@@ -208,7 +208,7 @@ fn alike(header: Header, record: Option<&PrepareRecord>, notes: &mut Vec<String>
         }
         return Ok(LabelGrid::within(space, file, &grid, stated));
     }
-    let placement = Placement::new(&file, record.side);
+    let placement = VoxelPlacement::new(&file, record.side);
     let half = placement.bounds().max.to_array();
     if (0..3).any(|a| (half[a] - record.half_size[a]).abs() > TOLERANCE * record.side) {
         return Err(format!(

@@ -13,7 +13,7 @@ use serde::Serialize;
 use std::path::Path;
 
 /// Source of the true labels.
-pub enum Truth {
+pub enum LabelTruth {
     /// Label volumes.
     Files {
         /// The volumes.
@@ -57,7 +57,7 @@ pub struct Score {
     pub set_dice: f64,
 }
 
-impl Truth {
+impl LabelTruth {
     /// Opens the label volumes that `inputs` name, or the synthetic scene of that name, for comparison at `times`.
     /// `data` is the run's dataset.
     ///
@@ -223,7 +223,7 @@ mod tests {
             std::fs::write(root.join("prepare.json"), json.to_string()).unwrap();
         };
         let open_at =
-            |inputs: &[String], times: &[f64]| Truth::open(inputs, &grid, root, times).map_err(|e| e.to_string());
+            |inputs: &[String], times: &[f64]| LabelTruth::open(inputs, &grid, root, times).map_err(|e| e.to_string());
         let open = |inputs: &[String]| open_at(inputs, &[0.0]);
         assert!(open(&inputs).is_ok_and(|truth| truth.notes().len() == 1), "a gap, and an unknown number of steps");
         prepare(100);

@@ -1,6 +1,6 @@
 //! A sweep on a cluster with Slurm: one job array whose tasks are workers on the sweep's folder.
 //!
-//! A [`Profile`] specifies what a task may use, [`script()`] writes the batch script, [`submit()`] passes the tasks to
+//! A [`SlurmProfile`] specifies what a task may use, [`script()`] writes the batch script, [`submit()`] passes the tasks to
 //! `sbatch`, [`queue()`] asks `squeue` for their state. The accounting database, which many sites lack, is not used.
 //! What a worker does, and which tasks there are, is decided elsewhere.
 
@@ -16,9 +16,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-pub use profile::Profile;
+pub use profile::SlurmProfile;
 pub use queue::{TaskState, queue};
-pub use script::{Job, script};
+pub use script::{SlurmJob, script};
 pub use submit::{Submission, submissions, submit};
 
 use crate::log::jsonl::JsonlError;

@@ -36,7 +36,7 @@ impl TaskState {
 }
 
 /// Returns the tasks of the sweep in `dir` that are in the queue, by the number of their run in `plan` (its hash, as in
-/// [`super::Job`]), whichever plan they were submitted with. For a run that was submitted twice, the running submission
+/// [`super::SlurmJob`]), whichever plan they were submitted with. For a run that was submitted twice, the running submission
 /// is reported, or else the last one.
 ///
 /// # Errors

@@ -9,7 +9,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
-use super::script::{Job, folder, script};
+use super::script::{SlurmJob, folder, script};
 use super::{SlurmError, Tools, complaint, io_at};
 use crate::files::write_atomic;
 use crate::log::jsonl::JsonlWriter;
@@ -42,7 +42,7 @@ pub struct Submission {
 /// # Errors
 /// [`SlurmError::Missing`] without `sbatch`, [`SlurmError::Refused`] if it refuses a job, [`SlurmError::Answer`] if its
 /// answer is no job number, [`SlurmError::NoArrays`], and errors of files.
-pub fn submit(tools: &Tools, job: &Job, tasks: &[usize]) -> Result<Vec<Submission>, SlurmError> {
+pub fn submit(tools: &Tools, job: &SlurmJob, tasks: &[usize]) -> Result<Vec<Submission>, SlurmError> {
     if !tools.have("sbatch") {
         return Err(SlurmError::Missing { program: "sbatch".to_owned() });
     }
@@ -152,14 +152,14 @@ fn job_number(said: &str) -> Option<(u64, Option<String>)> {
 #[cfg(unix)]
 #[cfg(test)]
 mod tests {
-    use super::super::{Profile, fake};
+    use super::super::{SlurmProfile, fake};
     use super::*;
     use proptest::prelude::*;
 
     struct Stage {
         base: tempfile::TempDir,
         tools: Tools,
-        job: Job,
+        job: SlurmJob,
     }
 
     impl Stage {
@@ -181,7 +181,7 @@ mod tests {
         fake::program(&bin, "scontrol", size);
         let dir = base.path().join("my sweep");
         fs::create_dir(&dir).unwrap();
-        let job = Job::new(&dir, Profile::parse(Path::new("p"), profile).unwrap()).unwrap();
+        let job = SlurmJob::new(&dir, SlurmProfile::parse(Path::new("p"), profile).unwrap()).unwrap();
         let tools = Tools::new(&fake::path(&bin));
         Stage { base, tools, job }
     }
@@ -247,7 +247,7 @@ mod tests {
     #[test]
     fn without_sbatch_nothing_is_written() {
         let dir = tempfile::tempdir().unwrap();
-        let job = Job::new(dir.path(), Profile::default()).unwrap();
+        let job = SlurmJob::new(dir.path(), SlurmProfile::default()).unwrap();
         let error = submit(&Tools::new(dir.path().as_os_str()), &job, &[0]).unwrap_err();
         assert!(matches!(error, SlurmError::Missing { .. }), "{error}");
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);

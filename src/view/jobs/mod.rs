@@ -7,7 +7,7 @@ pub mod task;
 
 use super::background::guarded;
 use super::hub::Hub;
-use crate::files::{LOCK_PATIENCE, Work};
+use crate::files::{LOCK_PATIENCE, LockDuration};
 use crate::run::{OpenRun, RunError};
 use board::{Board, JobEnd, JobState, Reporter};
 use std::sync::Arc;
@@ -116,6 +116,6 @@ impl Drop for Jobs {
 }
 
 fn carry_out(task: &Task, run: &OpenRun, report: &mut Reporter) -> Result<Option<String>, RunError> {
-    let _lock = run.lock(&format!("volseggs view: {task}"), Work::Long, LOCK_PATIENCE)?;
+    let _lock = run.lock(&format!("volseggs view: {task}"), LockDuration::Long, LOCK_PATIENCE)?;
     task.carry_out(run, report)
 }

@@ -8,13 +8,13 @@ use super::background::{BackgroundChanges, INTERNAL_ERROR};
 use super::cache::Cache;
 use super::client::Client;
 use super::compare::Side;
-use super::hub::{ClientId, Event, Hub};
+use super::hub::{ClientEvent, ClientId, Hub};
 use super::jobs::Jobs;
 use super::live::Wish;
 use super::others::Other;
-use super::pace::Next;
+use super::pace::NextDrawing;
 use super::protocol::Answer;
-use super::share::Share;
+use super::share::ThreadShare;
 use super::tracks::Tracks;
 use super::training::Watch;
 use super::workspace::Workspace;
@@ -51,7 +51,7 @@ pub struct Renderer {
     announced: (Option<usize>, bool),
     hub: Arc<Hub>,
     /// The share of the machine that drawing may take during training in this process.
-    share: Option<Arc<Share>>,
+    share: Option<Arc<ThreadShare>>,
     /// Until when nothing is drawn.
     rests: Instant,
     /// When the scene of a training changed last.
@@ -77,7 +77,7 @@ impl Renderer {
             announced: (space.shown.run.step(), space.shown.field.is_some()),
             hub,
             // without a thread of its own, drawing is not limited
-            share: space.live().and_then(|_| Share::new().ok()).map(Arc::new),
+            share: space.live().and_then(|_| ThreadShare::new().ok()).map(Arc::new),
             rests: now,
             changed: now,
             looked: now,
@@ -100,7 +100,7 @@ impl Renderer {
     }
 
     /// Does what there is to do; returns until when there is nothing else.
-    fn turn(&mut self, events: Vec<(ClientId, Event)>, share: Option<&Share>) -> Option<Instant> {
+    fn turn(&mut self, events: Vec<(ClientId, ClientEvent)>, share: Option<&ThreadShare>) -> Option<Instant> {
         let began = Instant::now();
         for (id, event) in events {
             self.handle(id, event);
@@ -153,15 +153,15 @@ impl Renderer {
             self.tell_of_training(true);
             let views: Vec<_> = self.clients.iter().filter_map(|(id, c)| Some((*id, c.view.clone()?))).collect();
             for (id, view) in views {
-                self.draw(id, &view, Next::Lossless);
+                self.draw(id, &view, NextDrawing::Lossless);
             }
         }
         self.tell_all(&Answer::Ended { message });
     }
 
-    fn handle(&mut self, id: ClientId, event: Event) {
+    fn handle(&mut self, id: ClientId, event: ClientEvent) {
         match event {
-            Event::Connected(out) => {
+            ClientEvent::Connected(out) => {
                 let mut client = Client::new(out);
                 client.answer(self.welcome());
                 client.answer(Answer::Document(Box::new(self.space.document())));
@@ -173,11 +173,11 @@ impl Renderer {
                 }
                 self.clients.insert(id, client);
             }
-            Event::Disconnected => {
+            ClientEvent::Disconnected => {
                 self.tracks.forget(id);
                 self.clients.remove(&id);
             }
-            Event::Message(request) => {
+            ClientEvent::Message(request) => {
                 // the other clients go on, whatever goes wrong here
                 let answered = catch_unwind(AssertUnwindSafe(|| self.answer(id, *request)));
                 let answered = answered.unwrap_or_else(|_| Err((None, INTERNAL_ERROR.to_owned())));

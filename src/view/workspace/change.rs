@@ -3,11 +3,11 @@
 
 use super::Workspace;
 use crate::edit::Edit;
-use crate::files::{RunLock, Work};
+use crate::files::{LockDuration, RunLock};
 use crate::run::segments::{RunSegments, Towards};
 use crate::run::{OpenRun, RunError, edits};
 use crate::segment::segmentation::renamed;
-use crate::view::order::{Stack, Steps};
+use crate::view::order::{Stack, StepCounts};
 use crate::view::protocol::Change;
 use crate::view::reading::stamps;
 use crate::view::refusal::ChangeError;
@@ -81,13 +81,13 @@ impl Workspace {
         if self.newer.is_under_way() || self.unread().is_some() {
             return Err(ChangeError::Reading);
         }
-        let lock = self.shown.run.lock(COMMAND, Work::Short, patience)?;
+        let lock = self.shown.run.lock(COMMAND, LockDuration::Short, patience)?;
         self.check(base)?;
         Ok(lock)
     }
 
     /// Ends a change, before which there were these `steps`.
-    fn end(&mut self, lock: RunLock, steps: [Steps; 2], segments: Option<RunSegments>) -> Result<(), ChangeError> {
+    fn end(&mut self, lock: RunLock, steps: [StepCounts; 2], segments: Option<RunSegments>) -> Result<(), ChangeError> {
         let mut names = Vec::new();
         if let Some(mut segments) = segments {
             segments.save()?;

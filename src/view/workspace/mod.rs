@@ -6,7 +6,7 @@ mod document;
 pub use change::coarse;
 
 use super::live::Live;
-use super::order::{Order, Stack, Steps};
+use super::order::{ChangeOrder, Stack, StepCounts};
 use super::reading::{Newer, Read, Stamps, field, stamps};
 use super::refusal::ChangeError;
 use crate::run::segments::{RunSegments, Towards};
@@ -33,7 +33,7 @@ pub struct Workspace {
     /// Old and new names of segments that the last change renamed.
     renamed: Vec<[String; 2]>,
     /// The order in which segments and edits changed.
-    order: Order,
+    order: ChangeOrder,
     read_only: bool,
     /// The training of the run, if it goes on in this process.
     live: Option<Arc<Live>>,
@@ -61,7 +61,7 @@ impl Workspace {
             damage: None,
             revision: 1,
             renamed: Vec::new(),
-            order: Order::default(),
+            order: ChangeOrder::default(),
             read_only,
             live: None,
         }
@@ -180,7 +180,7 @@ impl Workspace {
         self.newest = read.run.scene_path.parent().map(Path::to_owned);
         self.shown = read;
         // earlier changes belong to another state of the scene
-        (self.order, self.renamed, self.damage) = (Order::default(), Vec::new(), None);
+        (self.order, self.renamed, self.damage) = (ChangeOrder::default(), Vec::new(), None);
         self.revision += 1;
     }
 
@@ -206,15 +206,15 @@ impl Workspace {
     }
 
     /// Numbers of steps to undo and redo, of segments and edits.
-    fn steps(&self) -> [Steps; 2] {
+    fn steps(&self) -> [StepCounts; 2] {
         let of = |towards| self.shown.segments.steps(towards).len();
-        let segments = Steps { undo: of(Towards::Undo), redo: of(Towards::Redo) };
-        [segments, Steps { undo: self.shown.edits.operations.len(), redo: self.shown.edits.undone.len() }]
+        let segments = StepCounts { undo: of(Towards::Undo), redo: of(Towards::Redo) };
+        [segments, StepCounts { undo: self.shown.edits.operations.len(), redo: self.shown.edits.undone.len() }]
     }
 
     /// Records which of the two histories changed since they had these steps and the files had the stamps `before`; if
     /// both did, first the one whose file was written first.
-    fn note(&mut self, [segments, edits]: [Steps; 2], before: Stamps) {
+    fn note(&mut self, [segments, edits]: [StepCounts; 2], before: Stamps) {
         let now = self.steps();
         let mut changed = [(Stack::Segments, 0, segments, now[0]), (Stack::Edits, 1, edits, now[1])];
         changed.sort_by_key(|(_, file, ..)| self.shown.seen[*file]);

@@ -1,6 +1,6 @@
 //! How a model's Gaussians are drawn, beside the camera.
 
-use volseggs_kernels::Camera;
+use volseggs_kernels::PinholeCamera;
 use volseggs_kernels::path_opacity::MAX_EXPONENT;
 use volseggs_kernels::splat::{MAX_DILATION, SplatSettings};
 
@@ -19,7 +19,7 @@ pub struct Rendering {
 
 impl Rendering {
     /// The settings for the view of `camera`.
-    pub fn seen_by(self, camera: Camera) -> SplatSettings {
+    pub fn seen_by(self, camera: PinholeCamera) -> SplatSettings {
         let Self { background, sh_degree, dilation, path_opacity } = self;
         SplatSettings { camera, background, sh_degree, dilation, path_opacity }
     }

@@ -82,12 +82,12 @@ pub fn sorts_after(steps: usize, config: &Config) -> bool {
 
 /// The steps of a stage, counted from 1, at which Gaussians may be added: after `from`, up to and including `until`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Span {
+pub(super) struct StepSpan {
     from: usize,
     until: usize,
 }
 
-impl Span {
+impl StepSpan {
     /// Returns the spans of warm-up and of the joint stage. They end before the last step of the run, after which
     /// nothing is applied any more.
     pub(super) fn per_stage(config: &Config) -> [Self; 2] {
@@ -119,7 +119,7 @@ impl Span {
 /// within their stage.
 fn due(stage: Stage, config: &Config, start: usize) -> Due {
     let d = &config.densify;
-    let [warmup, joint] = Span::per_stage(config);
+    let [warmup, joint] = StepSpan::per_stage(config);
     let (step, span) = match stage {
         Stage::Warmup(s) => (s + 1, warmup),
         Stage::Joint(s) => (s + 1, joint),
@@ -161,7 +161,7 @@ fn due(stage: Stage, config: &Config, start: usize) -> Due {
 /// if warm-up has a budget of its own.
 fn line(stage: Stage, config: &Config, start: usize) -> usize {
     let d = &config.densify;
-    let [warmup, joint] = Span::per_stage(config);
+    let [warmup, joint] = StepSpan::per_stage(config);
     let (from, to, done, steps) = match (stage, d.warmup_budget) {
         (Stage::Warmup(s), 0) => (start, d.budget, warmup.done(s + 1), warmup.steps() + joint.steps()),
         (Stage::Joint(s), 0) => (start, d.budget, warmup.steps() + joint.done(s + 1), warmup.steps() + joint.steps()),
@@ -180,7 +180,7 @@ fn line(stage: Stage, config: &Config, start: usize) -> usize {
 mod tests {
     use super::*;
     use crate::config::layers::Layers;
-    use crate::config::sections::Section;
+    use crate::config::sections::ConfigSection;
     use crate::config::types::D3dgsConfig;
     use crate::config::{PRESETS, preset};
 
@@ -307,7 +307,7 @@ mod tests {
 
     #[test]
     fn resets_may_go_on_in_the_joint_stage_counted_over_the_run() {
-        Section::new::<D3dgsConfig>().add();
+        ConfigSection::new::<D3dgsConfig>().add();
         let d3dgs = Layers::new(PRESETS).source("../../configs/methods/d3dgs.toml");
         let config = d3dgs.resolve::<Config>().unwrap().value;
         let steps = config.stages.warmup_steps + config.stages.joint_steps;

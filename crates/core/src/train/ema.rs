@@ -4,7 +4,7 @@
 //! all views (Polyak and Juditsky 1992). Steps continue from the parameters themselves, so the average changes none of
 //! them.
 
-use super::densify::{Row, apply};
+use super::densify::{RowSource, apply};
 use crate::model::params::{self, HostTensor, Path};
 use crate::model::{Gaussians, Scene};
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
@@ -69,7 +69,7 @@ impl Ema {
     }
 
     /// Reorders its Gaussians by `rows`, which keep all of them.
-    pub(super) fn rearrange(&mut self, rows: &[Row]) {
+    pub(super) fn rearrange(&mut self, rows: &[RowSource]) {
         if let Some((scene, _)) = &mut self.mean {
             let device = scene.gaussians.means.val().device();
             let moved = apply(rows, &scene.gaussians.to_host(), 0, 0);
@@ -254,7 +254,7 @@ mod tests {
         let mut average = Ema::new(100);
         average.update(10, &start);
         let n = start.gaussians.count();
-        let rows: Vec<Row> = (0..n).rev().map(Row::Keep).collect();
+        let rows: Vec<RowSource> = (0..n).rev().map(RowSource::Keep).collect();
         average.rearrange(&rows);
         let flat = |scene: &Scene| params::to_vec(scene.gaussians.means.val());
         let reversed: Vec<f32> = flat(&start).chunks(3).rev().flatten().copied().collect();

@@ -17,9 +17,9 @@ use super::watch::LossWatch;
 use super::{InPlace, StepReport, StepTimes, TrainError, init, timed};
 use crate::config::types::{Config, WarmupTimes};
 use crate::data::{Camera, Dataset, Split};
-use crate::memory::Budget;
+use crate::memory::MemoryBudget;
 use crate::model::params::to_vec;
-use crate::model::scene::View;
+use crate::model::scene::RenderedView;
 use crate::model::{Gaussians, HostGaussians, Scene, ToKernel};
 use burn::tensor::{Device, Tensor};
 use volseggs_kernels::activation::logit;
@@ -93,7 +93,7 @@ impl Trainer {
     pub fn new(config: Config, dataset: &Dataset, device: &Device) -> Result<Self, TrainError> {
         check(&config)?;
         let (views, runs_ahead) = (ViewSizes::from_split(&dataset.train), crate::device::runs_ahead(device));
-        check_memory(&config, scene_sizes, views, runs_ahead, Budget::now())?;
+        check_memory(&config, scene_sizes, views, runs_ahead, MemoryBudget::now())?;
         let shown = evaluation_background(&config.data.background)?;
         let (mut gaussians, spec) = init::initialise(&dataset.train, &config, shown)?;
         if config.speed.sort_every > 0 {
@@ -258,7 +258,7 @@ impl Trainer {
     }
 
     /// Returns the image of the view, and offsets of zero `[N, 2]` whose gradient is that of the screen positions.
-    fn draw(&self, gaussians: SplatInputs, view: &StepView) -> (View, Tensor<2>) {
+    fn draw(&self, gaussians: SplatInputs, view: &StepView) -> (RenderedView, Tensor<2>) {
         let offsets = Tensor::zeros([self.scene.gaussians.count(), 2], &self.device).require_grad();
         let camera = view.camera.to_kernel();
         (self.scene.draw(gaussians, camera, view.background, Some(offsets.clone())), offsets)
@@ -310,7 +310,7 @@ impl Trainer {
             self.optimizer.map_moments("gaussians.opacity_logits", |m| vec![0.0; m.len()]);
         }
         self.statistics.replace(|old| old.renewed(&rows, due));
-        let same = rows.len() == host.len() && rows.iter().zip(0..).all(|(row, i)| *row == densify::Row::Keep(i));
+        let same = rows.len() == host.len() && rows.iter().zip(0..).all(|(row, i)| *row == densify::RowSource::Keep(i));
         if !same || due.reset {
             self.ema.clear();
         }
@@ -328,7 +328,7 @@ impl Trainer {
         self.replace_gaussians(new);
     }
 
-    fn move_moments(&mut self, rows: &[densify::Row], host: &HostGaussians) {
+    fn move_moments(&mut self, rows: &[densify::RowSource], host: &HostGaussians) {
         for column in host.columns() {
             let gather = |m: &[f32]| densify::gather_moments(m, rows, column.width);
             self.optimizer.map_moments(&format!("gaussians.{}", column.name), gather);

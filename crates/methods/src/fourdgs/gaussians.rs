@@ -50,11 +50,11 @@ impl Gaussians4d {
     ///
     /// # Panics
     /// As [`harmonics_at`].
-    pub fn at(&self, time: f32, colours: ColourSeries) -> CovarianceInputs {
+    pub fn at_time(&self, time: f32, colours: ColourSeries) -> CovarianceInputs {
         self.drawn(self.moment(time), time, colours)
     }
 
-    /// As [`Gaussians4d::at`], with the result of [`Gaussians4d::moment`] for that time.
+    /// As [`Gaussians4d::at_time`], with the result of [`Gaussians4d::moment`] for that time.
     ///
     /// # Panics
     /// As [`harmonics_at`].

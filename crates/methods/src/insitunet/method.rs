@@ -7,7 +7,7 @@ use super::training::InSituNetTraining;
 use crate::{Method, Model, Training, Work, ignored};
 use burn::tensor::Device;
 use std::path::Path;
-use volseggs_core::config::sections::Section;
+use volseggs_core::config::sections::ConfigSection;
 use volseggs_core::config::types::Config;
 use volseggs_core::model::SceneError;
 use volseggs_core::train::TrainError;
@@ -18,8 +18,8 @@ use volseggs_volume::data::Dataset;
 pub struct InSituNetMethod;
 
 impl Method for InSituNetMethod {
-    fn section(&self) -> Option<Section> {
-        Some(Section::new::<InSituNetConfig>())
+    fn section(&self) -> Option<ConfigSection> {
+        Some(ConfigSection::new::<InSituNetConfig>())
     }
 
     fn presets(&self) -> &'static [(&'static str, &'static str)] {

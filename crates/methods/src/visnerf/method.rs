@@ -6,7 +6,7 @@ use super::training::VisNerfTraining;
 use crate::{Method, Model, Training, Work, ignored};
 use burn::tensor::Device;
 use std::path::Path;
-use volseggs_core::config::sections::Section;
+use volseggs_core::config::sections::ConfigSection;
 use volseggs_core::config::types::Config;
 use volseggs_core::model::SceneError;
 use volseggs_core::train::TrainError;
@@ -26,8 +26,8 @@ fn sizes(settings: &VisNerfConfig) -> [f64; 2] {
 }
 
 impl Method for VisNerfMethod {
-    fn section(&self) -> Option<Section> {
-        Some(Section::new::<VisNerfConfig>())
+    fn section(&self) -> Option<ConfigSection> {
+        Some(ConfigSection::new::<VisNerfConfig>())
     }
 
     fn presets(&self) -> &'static [(&'static str, &'static str)] {

@@ -4,7 +4,7 @@
 //! the evaluation measures what a user gets.
 
 use super::baselines::saga::SagaModel;
-use super::candidates::Candidates;
+use super::candidates::ClickCandidates;
 use super::click::heaviest;
 use super::levels::{Level, LevelKind, levels, likeliest};
 use super::pieces::without_strays;
@@ -154,7 +154,7 @@ pub fn meant(under: &[(u32, f32)], majority: bool, segment: impl Fn(u32) -> Opti
 ///
 /// # Panics
 /// If an index of a candidate is not below N.
-pub fn pick(of: &Candidates<'_>, clicked: u32, options: &PickOptions) -> Result<Picked, PickError> {
+pub fn pick(of: &ClickCandidates<'_>, clicked: u32, options: &PickOptions) -> Result<Picked, PickError> {
     options.meaning.check()?;
     let position = of.position(clicked)?;
     let by_hand = |(scale, threshold): (f32, f32)| {
@@ -231,7 +231,7 @@ mod tests {
     use crate::config::types::segment::PiecesConfig;
     use crate::device::DeviceName;
     use crate::segment::fine::AffinityField;
-    use crate::segment::fine::network::Frame;
+    use crate::segment::fine::network::PositionBox;
     use crate::segment::test_support::{APART, COUNT};
 
     #[test]
@@ -251,10 +251,10 @@ mod tests {
     fn only_candidates_are_selected_and_always_the_clicked_one() {
         let device = DeviceName::all()[0].open().unwrap();
         let (at, field) = (APART.gaussians(), AffinityField::new(3, &device));
-        let frame = Frame::around(&at.means);
+        let frame = PositionBox::around(&at.means);
         let pieces = PiecesConfig { strays: false, ..PiecesConfig::default() };
         let config = SegmentConfig { pieces, ..SegmentConfig::default() };
-        let of = |within| Candidates::new(&field, &frame, &at.means, &at, within, &config);
+        let of = |within| ClickCandidates::new(&field, &frame, &at.means, &at, within, &config);
         let within: Vec<u32> = (0..COUNT as u32).collect();
         let by = |threshold| PickOptions { meaning: Granularity::By { scale: 0.5, threshold }, list: false };
         let all = by(-1.0);

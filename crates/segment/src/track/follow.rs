@@ -1,14 +1,14 @@
 //! Segments through time: at each time, the scene is deformed once, and each segment is found, measured and joined into
 //! components.
 
-use super::events::{EventConfig, Frame, Tracking, find_events};
+use super::events::{EventConfig, SegmentAtTime, Tracking, find_events};
 use super::motion::{fill_velocities, window};
 use super::statistics::{SegmentStatistics, Status, segment_statistics};
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::components::{ComponentFilter, components_touching, largest_scales};
 use crate::segment::colour::constant_colour;
-use crate::segment::place::{Cloud, PlaceError, Places, SHARE, scene_grid};
+use crate::segment::place::{Cloud, PlaceError, SHARE, SegmentPlaces, scene_grid};
 use crate::volume::grid::Grid;
 
 /// Reach of Gaussians that touch, by default: the smallest that keeps a body whole. At 1 bodies break into pieces, which
@@ -90,7 +90,7 @@ pub fn follow(
     times: &[f64],
     options: &FollowOptions,
 ) -> Result<Option<Vec<Followup>>, FollowError> {
-    let mut series: Vec<Series> = segments.iter().map(|segment| Series::new(segment, times)).collect();
+    let mut series: Vec<SegmentSeries> = segments.iter().map(|segment| SegmentSeries::new(segment, times)).collect();
     let mut parties: Option<Vec<Party>> = None;
     for (t, &time) in times.iter().enumerate() {
         let Some(at) = scene(time) else { return Ok(None) };
@@ -102,7 +102,7 @@ pub fn follow(
         let cell = options.grid.spacing[0];
         for party in parties.iter().flatten() {
             let cloud = Cloud::new(&at, &opacity, &party.labels);
-            let places = Places::new(cloud, &options.grid, SHARE)?;
+            let places = SegmentPlaces::new(cloud, &options.grid, SHARE)?;
             let labels: Vec<u32> = (1..=party.segments.len() as u32).collect();
             let (found, shares) = (places.measure(&labels), places.shares());
             for ((&k, &label), found) in party.segments.iter().zip(&labels).zip(&found) {
@@ -179,7 +179,7 @@ fn components(
 }
 
 /// What is known of one segment so far.
-struct Series {
+struct SegmentSeries {
     rows: Vec<SegmentStatistics>,
     frames: Vec<(Vec<u32>, Vec<f32>)>,
     /// The Gaussians in its place at each time.
@@ -190,7 +190,7 @@ struct Series {
     contents: Vec<f32>,
 }
 
-impl Series {
+impl SegmentSeries {
     fn new(segment: &Followed<'_>, times: &[f64]) -> Self {
         let away = |i: &usize| (times[*i] - segment.time).abs();
         let origin = (0..times.len()).min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(0);
@@ -224,8 +224,11 @@ impl Series {
             };
         }
         fill_velocities(&mut self.rows, window(&options.trained));
-        let frames: Vec<Frame<'_>> =
-            times.iter().zip(&self.frames).map(|(&time, (labels, opacity))| Frame { time, labels, opacity }).collect();
+        let frames: Vec<SegmentAtTime<'_>> = times
+            .iter()
+            .zip(&self.frames)
+            .map(|(&time, (labels, opacity))| SegmentAtTime { time, labels, opacity })
+            .collect();
         let tracking = find_events(&frames, &options.events)?;
         Ok(Followup { name: segment.name.into(), statistics: self.rows, tracking })
     }

@@ -33,7 +33,7 @@ pub struct TimeAxis {
 
 /// The content of a volume file, known before its values are read.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Header {
+pub struct VolumeHeader {
     /// The grid of each step.
     pub grid: Grid,
     /// How values are stored.
@@ -58,7 +58,7 @@ pub struct Variable {
 /// An open volume file.
 pub trait VolumeFile: Send + Sync + std::fmt::Debug {
     /// Its header.
-    fn header(&self) -> &Header;
+    fn header(&self) -> &VolumeHeader;
 
     /// Name of the array that is read; `None` for formats whose files hold one field.
     fn variable(&self) -> Option<&str> {

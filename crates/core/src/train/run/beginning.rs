@@ -2,11 +2,11 @@
 
 use super::{RunContext, Start};
 use crate::data::Dataset;
-use crate::files::{LockError, RunLock, RunPaths, Work};
+use crate::files::{LockDuration, LockError, RunLock, RunPaths};
 use crate::log::jsonl::truncate_after;
 use crate::shell;
 use crate::train::checkpoint::{self, CheckpointError};
-use crate::train::resume::Change;
+use crate::train::resume::ChangedKey;
 use crate::train::{TrainError, Training};
 use std::path::{Path, PathBuf};
 
@@ -28,7 +28,7 @@ pub(super) struct Beginning {
     /// Seconds of training before.
     pub(super) seconds: f64,
     /// Keys that were changed on resuming.
-    pub(super) changes: Vec<Change>,
+    pub(super) changes: Vec<ChangedKey>,
     /// `None` if the caller holds the lock.
     _lock: Option<RunLock>,
 }
@@ -48,7 +48,7 @@ impl Beginning {
         std::fs::create_dir_all(out).map_err(TrainError::in_file(out))?;
         let lock = match context.lock {
             Some(_) => None,
-            None => Some(RunLock::acquire(out, &options.command, Work::Long)?),
+            None => Some(RunLock::acquire(out, &options.command, LockDuration::Long)?),
         };
         let fingerprint = dataset.fingerprint();
         let (steps, seconds, changes) = (training.steps_done(), 0.0, Vec::new());
@@ -90,7 +90,7 @@ impl Beginning {
 /// If another process writes into the run.
 pub fn lock_existing(out: &Path, command: &str) -> Result<Option<RunLock>, LockError> {
     // only where a run exists: no lock file is left in a folder that is then refused
-    RunPaths(out).record().is_file().then(|| RunLock::acquire(out, command, Work::Long)).transpose()
+    RunPaths(out).record().is_file().then(|| RunLock::acquire(out, command, LockDuration::Long)).transpose()
 }
 
 /// Returns the checkpoint to start from, if any.

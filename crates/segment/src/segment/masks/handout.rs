@@ -1,6 +1,6 @@
 //! Pictures for another program to segment, and the list of what they show, by which its masks are matched later.
 
-use super::make::{MakeError, MaskJob, Shot};
+use super::make::{MakeError, MaskJob, MaskShot};
 use super::store::StoreError;
 use crate::data::Camera;
 use crate::export::images::to_rgb8;
@@ -29,7 +29,7 @@ pub struct Handout {
     /// The groups; the pictures of one are in the folder of its name.
     pub groups: Vec<HandoutGroup>,
     /// The views; `VIEW.png` in each folder.
-    pub views: Vec<Shot>,
+    pub views: Vec<MaskShot>,
 }
 
 /// A group that was drawn.
@@ -95,7 +95,7 @@ impl Handout {
         if !(0.0..=1.0).contains(&list.time) {
             return Err(StoreError::field(&path, "time", format!("is {}; it must be in [0, 1]", list.time)));
         }
-        for (i, Shot { camera, .. }) in list.views.iter().enumerate() {
+        for (i, MaskShot { camera, .. }) in list.views.iter().enumerate() {
             if !fits(camera) {
                 let problem = "is not a valid camera; write the pictures again with --pictures";
                 return Err(StoreError::field(&path, format!("views[{i}].camera"), problem));
@@ -125,14 +125,14 @@ mod tests {
             scene: "abc".into(),
             time: 0.5,
             groups: vec![HandoutGroup { name: "red".into(), gaussians: 3, members: String::new() }],
-            views: Shot::numbered(vec![camera.clone()]),
+            views: MaskShot::numbered(vec![camera.clone()]),
         };
         let read = |list: &Handout| {
             std::fs::write(folder.path().join(FILE), versioned::to_json(list).unwrap()).unwrap();
             Handout::read(folder.path()).map_err(|e| e.to_string())
         };
         assert_eq!(read(&good), Ok(good.clone()));
-        let with = |camera: Camera| Handout { views: Shot::numbered(vec![camera]), ..good.clone() };
+        let with = |camera: Camera| Handout { views: MaskShot::numbered(vec![camera]), ..good.clone() };
         for (list, field) in [
             (with(Camera { width: u32::MAX, height: u32::MAX, ..camera.clone() }), "views[0].camera"),
             (with(Camera { height: 0, ..camera.clone() }), "views[0].camera"),

@@ -4,7 +4,7 @@ use image::RgbaImage;
 
 /// An image `[H, W, 4]`: colour times alpha, and alpha, each in [0, 1].
 #[derive(Clone, Debug, PartialEq)]
-pub struct Picture {
+pub struct RaycastPicture {
     /// Width in pixels.
     pub width: usize,
     /// Height in pixels.
@@ -13,7 +13,7 @@ pub struct Picture {
     pub pixels: Vec<f32>,
 }
 
-impl Picture {
+impl RaycastPicture {
     /// An empty picture.
     pub fn new(width: usize, height: usize) -> Self {
         Self { width, height, pixels: vec![0.0; 4 * width * height] }
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn straight_alpha_composites_back() {
-        let mut picture = Picture::new(2, 1);
+        let mut picture = RaycastPicture::new(2, 1);
         picture.set(0, 0, [0.2, 0.1, 0.3, 0.4]);
         let rgba = picture.to_rgba8();
         assert_eq!(rgba.get_pixel(1, 0).0, [0; 4]);
@@ -127,7 +127,7 @@ mod tests {
         }
         assert_eq!(picture.mask(0.4), [255, 0]);
         assert!((picture.coverage() - 0.5).abs() < 1e-12);
-        assert!(picture.shows() && !Picture::new(3, 2).shows());
+        assert!(picture.shows() && !RaycastPicture::new(3, 2).shows());
         picture.set(0, 0, [0.0, 0.0, 0.0, 0.001]);
         assert!(!picture.shows(), "less than half a level of 8 bits");
     }

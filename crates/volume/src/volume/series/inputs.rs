@@ -4,7 +4,7 @@
 use super::SeriesOptions;
 use super::names::{self, Missing, Names};
 use crate::volume::error::VolumeError;
-use crate::volume::formats::{self, Format, format_of};
+use crate::volume::formats::{self, VolumeFormat, format_of};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -54,7 +54,7 @@ fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
     }
     if files.iter().any(|f| f.extension().is_some_and(|e| e.eq_ignore_ascii_case("nhdr"))) {
         let bare = |f: &PathBuf| {
-            matches!(format_of(f), Some((Format::Raw, _))) && matches!(formats::raw::sidecar_of(f), Ok(None))
+            matches!(format_of(f), Some((VolumeFormat::Raw, _))) && matches!(formats::raw::sidecar_of(f), Ok(None))
         };
         files.retain(|f| !bare(f));
     }

@@ -6,14 +6,14 @@ use std::ops::Range;
 
 /// A number in a name: its sign, its digits, those after a decimal point, and a power of ten.
 #[derive(Clone, Copy, Debug)]
-struct Number<'a> {
+struct NumberInName<'a> {
     negative: bool,
     whole: &'a str,
     fraction: &'a str,
     exponent: i64,
 }
 
-impl Number<'_> {
+impl NumberInName<'_> {
     /// -1, 0 or 1.
     fn sign(&self) -> i8 {
         let zero = self.digits().all(|d| d == b'0');
@@ -59,13 +59,13 @@ impl Number<'_> {
 pub struct Piece<'a> {
     /// The piece as written.
     pub text: &'a str,
-    number: Option<Number<'a>>,
+    number: Option<NumberInName<'a>>,
 }
 
 impl<'a> Piece<'a> {
     /// The digits of a whole number without a sign.
     pub fn digits(&self) -> Option<&'a str> {
-        let plain = |n: &Number<'a>| !n.negative && n.whole.len() == self.text.len();
+        let plain = |n: &NumberInName<'a>| !n.negative && n.whole.len() == self.text.len();
         self.number.filter(plain).map(|n| n.whole)
     }
 
@@ -99,7 +99,7 @@ fn pieces(text: &str) -> Vec<Piece<'_>> {
     while !rest.is_empty() || found.is_empty() {
         let end = rest.bytes().position(|b| b.is_ascii_digit() != digits).unwrap_or(rest.len());
         let (text, tail) = rest.split_at(end);
-        let number = Number { negative: false, whole: text, fraction: "", exponent: 0 };
+        let number = NumberInName { negative: false, whole: text, fraction: "", exponent: 0 };
         found.push(Piece { text, number: digits.then_some(number) });
         (rest, digits) = (tail, !digits);
     }
@@ -205,7 +205,7 @@ fn is_even(numbers: &[u128], slack: u128) -> bool {
 }
 
 /// The name with the pieces in `range` as one, which is this number.
-fn merge<'a>(stem: &'a str, name: &mut Vec<Piece<'a>>, range: Range<usize>, number: Number<'a>) {
+fn merge<'a>(stem: &'a str, name: &mut Vec<Piece<'a>>, range: Range<usize>, number: NumberInName<'a>) {
     let length = |pieces: &[Piece<'_>]| pieces.iter().map(|p| p.text.len()).sum::<usize>();
     let (start, size) = (length(&name[..range.start]), length(&name[range.clone()]));
     name.splice(range, [Piece { text: &stem[start..start + size], number: Some(number) }]);
@@ -229,12 +229,12 @@ pub fn split(stems: &[String], decimal: Option<bool>) -> (Vec<Vec<Piece<'_>>>, O
         if let Some(i) = joined(name).filter(|_| decimal)
             && let (Some(whole), Some(fraction)) = (name[i].digits(), name[i + 2].digits())
         {
-            merge(stem, name, i..i + 3, Number { negative: false, whole, fraction, exponent: 0 });
+            merge(stem, name, i..i + 3, NumberInName { negative: false, whole, fraction, exponent: 0 });
         }
         while let Some((i, exponent)) = power(name)
             && let Some(number) = name[i].number
         {
-            merge(stem, name, i..i + 3, Number { exponent: number.exponent + exponent, ..number });
+            merge(stem, name, i..i + 3, NumberInName { exponent: number.exponent + exponent, ..number });
         }
     }
     signs(stems, &mut names);
@@ -262,7 +262,7 @@ fn signs<'a>(stems: &'a [String], names: &mut [Vec<Piece<'a>>]) {
             let end = start + text.len() - before + name[i].text.len();
             name[i] = Piece {
                 text: &stem[start..end],
-                number: Some(Number { negative: text[before..].starts_with('-'), ..number }),
+                number: Some(NumberInName { negative: text[before..].starts_with('-'), ..number }),
             };
         }
     }

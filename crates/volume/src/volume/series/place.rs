@@ -4,7 +4,7 @@ use super::{Notes, Series};
 use crate::data::calibration::AxisConvention;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::Grid;
-use crate::volume::source::{Header, Physical, VOXELS};
+use crate::volume::source::{Physical, VOXELS, VolumeHeader};
 use glam::DVec3;
 use std::path::Path;
 
@@ -54,9 +54,9 @@ impl Series {
 /// They differ in steps, grid, space or unit; or in their origin, unless that is ignored.
 pub(super) fn compare(
     first: &Path,
-    header: &Header,
+    header: &VolumeHeader,
     path: &Path,
-    other: &Header,
+    other: &VolumeHeader,
     ignore_origin: bool,
     notes: &mut Notes,
 ) -> Result<(), VolumeError> {

@@ -10,7 +10,7 @@ const SECONDS: &str = "s";
 
 /// The times of all steps.
 #[derive(Debug)]
-pub(super) struct Times {
+pub(super) struct SeriesTimes {
     /// In [0, 1]: 0 the first, 1 the last; 0 for a single step.
     pub scene: Vec<f64>,
     /// As given, ascending; `None` where they are unknown.
@@ -19,7 +19,7 @@ pub(super) struct Times {
     pub unit: Option<String>,
 }
 
-impl Times {
+impl SeriesTimes {
     /// The times that the options give, else those of the file of many steps, else those of `dates` in seconds, else
     /// evenly spaced ones. Dates count from the first.
     ///

@@ -2,7 +2,7 @@
 
 use super::super::filter::suppress_by;
 use super::image::Enlarger;
-use super::{Embedding, Mask, Prompt, Sam, SamError};
+use super::{Embedding, Mask, Sam, SamError, SamPrompt};
 use rayon::prelude::*;
 use std::convert::Infallible;
 
@@ -133,7 +133,7 @@ fn of_points(
     points: &[[f32; 2]],
     options: &AutomaticOptions,
 ) -> Result<Vec<SamMask>, SamError> {
-    let prompts: Vec<Prompt> = points.iter().map(|&p| Prompt::point(p)).collect();
+    let prompts: Vec<SamPrompt> = points.iter().map(|&p| SamPrompt::point(p)).collect();
     let prediction = sam.predict(image, &prompts, true)?;
     let enlarger = Enlarger::new(prediction.side, image.frame());
     let mut found = Vec::new();

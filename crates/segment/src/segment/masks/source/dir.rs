@@ -50,11 +50,11 @@ impl MaskSourceKind for DirKind {
 #[derive(Debug)]
 pub struct Foreign {
     name: String,
-    masks: Masks,
+    masks: StoredMasks,
 }
 
 #[derive(Debug)]
-enum Masks {
+enum StoredMasks {
     /// By group.
     Folders(Vec<PngFolder>),
     /// The file, and the index of its image for each group and view.
@@ -95,11 +95,11 @@ impl Foreign {
                 let problem = "none found; name masks GROUP/VIEW_NUMBER.png, or GROUP/VIEW.png for a label image";
                 return Err(StoreError::field(path, "masks", problem));
             }
-            Masks::Folders(folders)
+            StoredMasks::Folders(folders)
         } else {
             let file = CocoFile::open(path)?;
             let places = places(path, &file, [groups, others], views, size)?;
-            Masks::Coco(file, places)
+            StoredMasks::Coco(file, places)
         };
         Ok(Self { name, masks })
     }
@@ -156,11 +156,11 @@ impl MaskSource for Foreign {
 
     fn find(&self, seen: &MaskInput<'_>) -> Result<Vec<ScoredMask>, SourceError> {
         let masks = match &self.masks {
-            Masks::Folders(folders) => {
+            StoredMasks::Folders(folders) => {
                 let unknown = SourceError::View { view: seen.view, group: seen.group };
                 folders.get(seen.group).ok_or(unknown)?.masks(seen.view)?
             }
-            Masks::Coco(file, places) => match places.get(&(seen.group, seen.view)) {
+            StoredMasks::Coco(file, places) => match places.get(&(seen.group, seen.view)) {
                 Some(image) => file.masks(*image)?,
                 None => Vec::new(),
             },
@@ -177,11 +177,11 @@ impl MaskSource for Foreign {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::segment::pictures::Picture;
+    use crate::segment::pictures::GaussianPicture;
     use image::GrayImage;
 
-    fn picture() -> Picture {
-        Picture { width: 4, height: 2, rgba: vec![0.0; 32], depth: vec![0.0; 8] }
+    fn picture() -> GaussianPicture {
+        GaussianPicture { width: 4, height: 2, rgba: vec![0.0; 32], depth: vec![0.0; 8] }
     }
 
     fn areas(source: &Foreign, group: usize, view: usize) -> Vec<u64> {

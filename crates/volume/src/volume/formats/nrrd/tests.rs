@@ -51,7 +51,7 @@ fn space_units_and_times_are_kept() {
         open(&p).unwrap().header().clone()
     };
     let flipped = "space directions: (-2,0,0) (0,0,3) (0,-0.5,0)\nspace origin: (30,40,-7)";
-    let steps = |h: &Header| h.grid.steps().to_cols_array_2d();
+    let steps = |h: &VolumeHeader| h.grid.steps().to_cols_array_2d();
     let ras = read(&format!("space: RAS\n{flipped}\nspace units: \"mm\" \"mm\" \"mm\""));
     assert_eq!(steps(&ras), [[-2.0, 0.0, 0.0], [0.0, 0.0, 3.0], [0.0, -0.5, 0.0]]);
     let Physical { length_unit, axes, time } = &ras.physical;
