@@ -1,7 +1,7 @@
 //! Memory: how much the process has used, and how much it may still allocate.
 //!
-//! Sizes given by the user (pixels, frames, Gaussians, voxels) are checked against a [`MemoryBudget`] before anything is
-//! allocated, because Rust aborts when an allocation fails.
+//! Sizes given by the user (pixels, frames, Gaussians, voxels) are checked against a [`MemoryBudget`] before anything
+//! is allocated, because Rust aborts when an allocation fails.
 
 use std::fmt;
 use std::path::Path;

@@ -251,8 +251,8 @@ fn offsets_or_zeros(offsets: Option<Tensor<2>>, means: &Tensor<2>) -> Tensor<2> 
     offsets.unwrap_or_else(|| Tensor::zeros([means.dims()[0], 2], &means.device()))
 }
 
-/// Renders Gaussians through a camera, with their [`GaussianShading`] applied if they have one, and with the opacities that the
-/// camera sees.
+/// Renders Gaussians through a camera, with their [`GaussianShading`] applied if they have one, and with the opacities
+/// that the camera sees.
 ///
 /// # Panics
 /// If the shapes disagree, `sh` holds fewer coefficients than `settings.sh_degree` needs, or the settings are out of

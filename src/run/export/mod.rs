@@ -118,8 +118,8 @@ pub fn write_splats(
     Ok(Some(WrittenExport { gaussians: count, refits }))
 }
 
-/// Writes the label of each voxel, as returned by [`RunLabels::labels_at`], to `path`; `edited` says whether they are of the
-/// edited scene, and `space` what the axes of space shall mean that the file states: as in the data if `None`.
+/// Writes the label of each voxel, as returned by [`RunLabels::labels_at`], to `path`; `edited` says whether they are
+/// of the edited scene, and `space` what the axes of space shall mean that the file states: as in the data if `None`.
 ///
 /// # Errors
 /// If something else is there, or it cannot be written.

@@ -1,8 +1,8 @@
 //! A sweep on a cluster with Slurm: one job array whose tasks are workers on the sweep's folder.
 //!
-//! A [`SlurmProfile`] specifies what a task may use, [`script()`] writes the batch script, [`submit()`] passes the tasks to
-//! `sbatch`, [`queue()`] asks `squeue` for their state. The accounting database, which many sites lack, is not used.
-//! What a worker does, and which tasks there are, is decided elsewhere.
+//! A [`SlurmProfile`] specifies what a task may use, [`script()`] writes the batch script, [`submit()`] passes the
+//! tasks to `sbatch`, [`queue()`] asks `squeue` for their state. The accounting database, which many sites lack, is not
+//! used. What a worker does, and which tasks there are, is decided elsewhere.
 
 pub mod profile;
 pub mod queue;

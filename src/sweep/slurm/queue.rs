@@ -36,8 +36,8 @@ impl TaskState {
 }
 
 /// Returns the tasks of the sweep in `dir` that are in the queue, by the number of their run in `plan` (its hash, as in
-/// [`super::SlurmJob`]), whichever plan they were submitted with. For a run that was submitted twice, the running submission
-/// is reported, or else the last one.
+/// [`super::SlurmJob`]), whichever plan they were submitted with. For a run that was submitted twice, the running
+/// submission is reported, or else the last one.
 ///
 /// # Errors
 /// [`SlurmError::Missing`] without `squeue`, [`SlurmError::Refused`] if it fails, errors of the list of jobs and of

@@ -10,8 +10,8 @@ use std::ops::Range;
 /// Maximum number of cells along one axis; points beyond share the outermost cell (slower, still correct).
 const MAX_CELLS: f64 = (1u32 << 31) as f64;
 
-/// Number of cells along one axis from which [`NeighbourGrid::adaptive`] makes them no smaller, below [`MAX_CELLS`] even after
-/// one more step. With few, a single point far away would leave all others in one cell.
+/// Number of cells along one axis from which [`NeighbourGrid::adaptive`] makes them no smaller, below [`MAX_CELLS`]
+/// even after one more step. With few, a single point far away would leave all others in one cell.
 const MOST_CELLS: f64 = 5e8;
 
 /// A grid of cubic cells over points `[M, 3]`; non-finite points are skipped.

@@ -44,9 +44,9 @@ impl SegmentHistory {
         &self.now
     }
 
-    /// Replaces the current segments by `segments`; [`SegmentHistory::undo`] restores them. `change` describes what was done,
-    /// such as `remove pair`. Undone changes are discarded, and so are those before the last [`MAX_CHANGES`]. Equal
-    /// `segments` are no change.
+    /// Replaces the current segments by `segments`; [`SegmentHistory::undo`] restores them. `change` describes what was
+    /// done, such as `remove pair`. Undone changes are discarded, and so are those before the last [`MAX_CHANGES`].
+    /// Equal `segments` are no change.
     pub fn change(&mut self, change: impl Into<String>, segments: Vec<Segment>) {
         if segments == self.now.segments {
             // undoing a step that does nothing would only confuse the user
@@ -74,15 +74,15 @@ impl SegmentHistory {
         Ok(())
     }
 
-    /// Returns the renamings that the next `count` calls of [`SegmentHistory::undo`] perform, in order: the name before it,
-    /// then the restored one.
+    /// Returns the renamings that the next `count` calls of [`SegmentHistory::undo`] perform, in order: the name before
+    /// it, then the restored one.
     pub fn undo_renames(&self, count: usize) -> Vec<[Name; 2]> {
         let next = self.steps.undo.iter().rev().take(count).filter_map(|s| s.renamed.clone());
         next.map(|[old, new]| [new, old]).collect()
     }
 
-    /// Returns the renamings that the next `count` calls of [`SegmentHistory::redo`] perform, in order: the name before it,
-    /// then the new one.
+    /// Returns the renamings that the next `count` calls of [`SegmentHistory::redo`] perform, in order: the name before
+    /// it, then the new one.
     pub fn redo_renames(&self, count: usize) -> Vec<[Name; 2]> {
         self.steps.redo.iter().rev().take(count).filter_map(|s| s.renamed.clone()).collect()
     }

@@ -15,7 +15,8 @@ pub trait DensificationRule: Send + Sync {
         Some(line)
     }
 
-    /// Plans the new Gaussians: those that are kept, each as [`RowSource::Keep`] or part of what replaces it, and the added ones.
+    /// Plans the new Gaussians: those that are kept, each as [`RowSource::Keep`] or part of what replaces it, and the
+    /// added ones.
     fn plan(&self, seen: &Candidates<'_>) -> Vec<RowSource>;
 
     /// Returns an upper bound of the number of Gaussians during a training. By default their number at most doubles each

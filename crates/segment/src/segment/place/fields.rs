@@ -1,6 +1,7 @@
 //! Fields on a grid: the extinction density of Gaussians, and averages of their values weighted by it.
 //!
-//! The density is that of [`BellProfile::Content`](super::bell::BellProfile::Content), the optical depth per length of a path:
+//! The density is that of [`BellProfile::Content`](super::bell::BellProfile::Content), the optical depth per length of
+//! a path:
 //!
 //! ```text
 //! density(x) = sum_i s_i^2 / (sqrt(2 pi) a_i b_i c_i) tau_i exp(-d_i(x)^2 / 2)     tau_i = -ln(1 - opacity_i)
