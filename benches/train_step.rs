@@ -24,7 +24,7 @@ use volseggs::method::preset;
 use volseggs::model::HostGaussians;
 use volseggs::model::factorised::field_shape;
 use volseggs::train::densify::{self, Statistics};
-use volseggs::train::due::Due;
+use volseggs::train::due::DueChanges;
 use volseggs::train::losses;
 use volseggs_kernels::adam::{AdamStep, LrPattern, adam_step};
 use volseggs_kernels::changes::{COLUMNS, WIDTHS};
@@ -241,7 +241,7 @@ fn densify_stage(scene: Scene, config: &Config, repeats: usize) -> Samples {
     let mut r = Numbers(12);
     let statistics =
         Statistics { gradient: r.take(n, Numbers::uniform), views: vec![1.0; n], opacity: r.take(n, Numbers::uniform) };
-    let due = Due { grow_to: Some(n + n / 50), prune: true, ..Due::default() };
+    let due = DueChanges { grow_to: Some(n + n / 50), prune: true, ..DueChanges::default() };
     let host = HostGaussians {
         means: scene.means,
         rotations: scene.rotations,

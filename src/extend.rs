@@ -34,7 +34,7 @@ use crate::data::LAYOUTS;
 use crate::export::EXPORTERS;
 use crate::method::METHODS;
 use crate::metrics::METRICS;
-use crate::model::defined_encoder::Defined;
+use crate::model::defined_encoder::DefinedEncoderFactory;
 use crate::model::encoder::ENCODERS;
 use crate::segment::masks::source::MASK_SOURCES;
 use crate::train::densify::RULES;
@@ -48,7 +48,7 @@ pub fn loss_term(name: &str, term: impl LossTerm + 'static) {
 
 /// Registers an encoder; `model.encoder = "NAME"` uses it. It replaces a built-in encoder of that name.
 pub fn encoder(name: &str, definition: impl EncoderDefinition + 'static) {
-    ENCODERS.insert(name, Box::new(Defined(Box::leak(Box::new(definition)))));
+    ENCODERS.insert(name, Box::new(DefinedEncoderFactory(Box::leak(Box::new(definition)))));
 }
 
 /// Registers a schedule; `optim.schedule = "NAME"` uses it. It replaces a built-in schedule of that name.

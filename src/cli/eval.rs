@@ -3,12 +3,12 @@
 use super::error::or_elsewhere;
 use super::eval_segments::SegmentFlags;
 use super::values::count;
-use super::{CliError, Common, command_line, print_json};
+use super::{CliError, CommonArgs, command_line, print_json};
 use crate::data::SplitName;
 use crate::eval::diagnosis;
 use crate::eval::results::KIND;
 use crate::eval::run::Summary;
-use crate::eval::speed::Speed;
+use crate::eval::speed::RenderSpeed;
 use crate::files::{FolderKind, LockDuration};
 use crate::log::progress;
 use crate::memory::MIB;
@@ -50,7 +50,7 @@ pub struct EvalArgs {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
     // a heading stays in force for what follows
     #[command(flatten)]
     segments: SegmentFlags,
@@ -135,7 +135,7 @@ fn metric_lines(values: &MetricValues) -> Vec<String> {
 
 /// Prints the frames per second. On a CPU, images are on the host anyway: both figures measure the same, and their mean is
 /// printed, with the two if they differ.
-fn print_speed(speed: &Speed, on_cpu: bool, drawn: &str) {
+fn print_speed(speed: &RenderSpeed, on_cpu: bool, drawn: &str) {
     let (frames, with_copy) = (speed.fps_frames, speed.fps_with_copy);
     let of = |frames: usize, spread: &str| format!("({frames} frames{spread}): {drawn}, repeated for each frame");
     let fps = speed.fps;

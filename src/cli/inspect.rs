@@ -12,7 +12,7 @@ use crate::export::ply;
 use crate::files::{RunPaths, check_file, write_named};
 use crate::memory::MIB;
 use crate::model::scene_file::{read_tensors, refuse_not_finite};
-use crate::run::contents::{Item, RunContents};
+use crate::run::contents::{RunContents, RunItem};
 use crate::train::checkpoint;
 use crate::volume::formats::{READ, not_read};
 use clap::Args;
@@ -143,7 +143,7 @@ impl InspectArgs {
             value["kind"] = "run".into();
             print_json(&value)?;
         } else {
-            for Item { file, detail, ok } in &found.files {
+            for RunItem { file, detail, ok } in &found.files {
                 outln!("{:4} {file}: {detail}", if *ok { "ok" } else { "FAIL" });
             }
             if let Some(psnr) = found.test_psnr {

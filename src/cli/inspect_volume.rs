@@ -6,7 +6,7 @@ use crate::files::write_named;
 use crate::volume::formats::format_of;
 use crate::volume::picture::{HistogramBins, transfer_picture};
 use crate::volume::series::{Series, SeriesOptions, SeriesScan};
-use crate::volume::source::Variable;
+use crate::volume::source::VolumeVariable;
 use crate::volume::transfer::TransferFunction;
 use serde_json::json;
 use std::path::Path;
@@ -86,7 +86,7 @@ pub(super) fn inspect_volume(
         }
         outln!("type     {}", series.scalar().name());
         if let Some(read) = series.variable() {
-            let array = |v: &Variable| match (v.name == read, v.components) {
+            let array = |v: &VolumeVariable| match (v.name == read, v.components) {
                 (true, _) => format!("{} (read)", v.name),
                 (false, 1) => v.name.clone(),
                 (false, n) => format!("{} ({n} components)", v.name),

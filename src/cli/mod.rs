@@ -96,7 +96,7 @@ enum Command {
 
 /// Options shared by all commands.
 #[derive(Debug, Clone, Args)]
-pub struct Common {
+pub struct CommonArgs {
     /// Device to run on: flex, ndarray or wgpu (and cuda, tch if compiled in; see `volseggs doctor`).
     #[arg(long, default_value = "flex", value_name = "NAME")]
     pub device: String,
@@ -105,7 +105,7 @@ pub struct Common {
     pub json: bool,
 }
 
-impl Common {
+impl CommonArgs {
     fn device(&self) -> Result<(DeviceName, Device), CliError> {
         let name: DeviceName = self.device.parse().map_err(CliError::input)?;
         Ok((name, name.open().map_err(CliError::input)?))

@@ -4,7 +4,7 @@ use super::prepare_inputs::{ComponentArgs, ShadingArgs, segment_steps};
 use super::values::{count, finite, finite_f32, number, pixels, positive};
 use super::{CliError, print_json, stop_flag};
 use crate::data::paths::{Axis, RADIUS};
-use crate::log::progress::{Lines, image_bar};
+use crate::log::progress::{ProgressLines, image_bar};
 use crate::name::Name;
 use crate::prepare::views::{TrainingTimes, ViewOptions};
 use crate::prepare::{
@@ -158,7 +158,7 @@ impl PrepareArgs {
         let stop = stop_flag("stopping; nothing is written")?;
         let total = image_count(&source, &options);
         let bar = image_bar(total);
-        let lines = (!std::io::stderr().is_terminal()).then(|| Lines::new(0, total));
+        let lines = (!std::io::stderr().is_terminal()).then(|| ProgressLines::new(0, total));
         let started = Instant::now();
         let progress = |done: usize| {
             bar.set_position(done as u64);

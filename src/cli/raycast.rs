@@ -1,7 +1,7 @@
 //! `volseggs raycast`
 
 use super::values::{count, finite_f32};
-use super::{CliError, Common, print_json};
+use super::{CliError, CommonArgs, print_json};
 use crate::data::dataset::read_views;
 use crate::data::{Normalisation, SplitName};
 use crate::program;
@@ -49,7 +49,7 @@ pub struct RaycastArgs {
     #[arg(long, hide = true, value_name = "FACTOR")]
     volumes_alone: Option<u32>,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl RaycastArgs {

@@ -1,6 +1,6 @@
 //! `volseggs relocate`
 
-use super::{CliError, Common, command_line, print_json};
+use super::{CliError, CommonArgs, command_line, print_json};
 use crate::files::LockDuration;
 use crate::run::AnyRun;
 use crate::run::relocate::relocate;
@@ -20,7 +20,7 @@ pub struct RelocateArgs {
     #[arg(long, value_name = "DATASET")]
     data: PathBuf,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl RelocateArgs {

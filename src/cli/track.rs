@@ -5,7 +5,7 @@ use super::data::DataArgs;
 use super::error::or_elsewhere;
 use super::time::TimeArg;
 use super::values::positive_f32;
-use super::{CliError, Common, command_line, print_json};
+use super::{CliError, CommonArgs, command_line, print_json};
 use crate::data::Camera;
 use crate::files::LockDuration;
 use crate::log::progress;
@@ -14,7 +14,7 @@ use crate::run::OpenRun;
 use crate::run::cameras::check_lens;
 use crate::run::follow::{FollowProgress, FollowRequest, SHEET, TrackedTimes, cautions, follow};
 use crate::track::events::{EventKind, SegmentEvent};
-use crate::track::follow::Followup;
+use crate::track::follow::TrackedSegment;
 use crate::track::report::{PictureOptions, SHEET_CELL};
 use crate::track::tables::units;
 use clap::Args;
@@ -65,7 +65,7 @@ pub struct TrackArgs {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl TrackArgs {
@@ -130,7 +130,7 @@ impl TrackArgs {
         }
     }
 
-    fn print(&self, run: &OpenRun, camera: &Camera, found: &[Followup]) -> Result<(), CliError> {
+    fn print(&self, run: &OpenRun, camera: &Camera, found: &[TrackedSegment]) -> Result<(), CliError> {
         for followup in found {
             cautions(followup, run.calibration())
                 .iter()
@@ -138,7 +138,7 @@ impl TrackArgs {
         }
         if self.common.json {
             let units: BTreeMap<_, _> = units(run.calibration()).into_iter().collect();
-            let report = |f: &Followup| {
+            let report = |f: &TrackedSegment| {
                 serde_json::json!({
                     "segment": f.name, "size": [camera.width, camera.height],
                     "units": units, "statistics": f.statistics, "events": f.tracking.events,

@@ -10,7 +10,7 @@ pub use ordering::{Ordering, VariantPair, Verdict, orderings};
 use super::metric::{Better, MetricColumn};
 use super::places::distinct;
 use super::results::{OutcomeState, ResultSet, VariantOutcome};
-use super::stats::{Difference, deviation, difference, mean};
+use super::stats::{MeanDifference, deviation, difference, mean};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -73,7 +73,7 @@ pub struct MetricCell {
     /// Whether it is the best of its column among the rows of its dataset, device and segment.
     pub best: bool,
     /// Difference to the baseline's row of the same dataset, device and segment.
-    pub difference: Option<Difference>,
+    pub difference: Option<MeanDifference>,
 }
 
 /// A run that ended with an error.

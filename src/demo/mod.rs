@@ -18,7 +18,7 @@ use crate::prepare::{
 };
 use crate::run::measure::{MeasuredOn, measure};
 use crate::run::{AnyRun, OpenRun};
-use crate::train::run::{RunContext, RunOptions, RunOutcome, Start};
+use crate::train::run::{RunContext, RunOptions, RunOutcome, RunStart};
 use crate::train::{TrainError, open_dataset};
 use crate::volume::synthetic::Synthetic;
 use burn::tensor::Device;
@@ -140,7 +140,7 @@ pub fn demo(
     })?;
     let run_options = RunOptions {
         out: run_folder.clone(),
-        start: Start::NewOrResume,
+        start: RunStart::NewOrResume,
         command: COMMAND.into(),
         config_toml: resolved.to_toml().map_err(failed("train"))?,
         device_name: name.to_owned(),

@@ -6,7 +6,7 @@ use crate::data::paths::{Lens, RADIUS, orbit};
 use crate::draw::plot::{PlotSeries, line_plot};
 use crate::draw::views::view_sheet;
 use crate::eval::segments::{
-    Lifted, SegmentEvalOptions, SegmentEvaluation, SelectionMethod, evaluate_segments, write_results,
+    LiftedField, SegmentEvalOptions, SegmentEvaluation, SelectionMethod, evaluate_segments, write_results,
 };
 use crate::export::images::to_rgb8;
 use crate::files::AtomicDir;
@@ -16,7 +16,7 @@ use crate::run::segments::{RunSegments, by_colour};
 use crate::run::{OpenRun, RunError, affinity};
 use crate::segment::pictures::draw;
 use crate::segment::segmentation::{Segment, SegmentOrigin, Segmentation};
-use crate::track::follow::{FollowOptions, Followed, Followup, follow};
+use crate::track::follow::{FollowOptions, SegmentToTrack, TrackedSegment, follow};
 use image::RgbImage;
 use std::path::Path;
 
@@ -37,7 +37,7 @@ pub(super) struct SegmentStory {
     /// Rows of ground truth and methods.
     pub sheet: RgbImage,
     /// Each selected segment over time.
-    pub followed: Vec<Followup>,
+    pub followed: Vec<TrackedSegment>,
     /// Pictures of each over time.
     pub tracks: RgbImage,
 }
@@ -69,7 +69,7 @@ impl SegmentStory {
 
 /// Saves the colours and what the demo selected as the run's segments, and the affinity field, by which clicks select
 /// more, unless the user has made other segments since an earlier demo.
-fn save(run: &OpenRun, found: &Segmentation, lifted: Option<Lifted>, time: f64) -> Result<(), RunError> {
+fn save(run: &OpenRun, found: &Segmentation, lifted: Option<LiftedField>, time: f64) -> Result<(), RunError> {
     let (mut own, _) = RunSegments::replacing(run);
     let first = own.now().segments.is_empty();
     if !first && own.now().segments != found.segments {
@@ -80,7 +80,7 @@ fn save(run: &OpenRun, found: &Segmentation, lifted: Option<Lifted>, time: f64) 
         own.change("demo", found.segments.clone());
         own.save()?;
     }
-    if let Some(Lifted { field, frame, spreads }) = lifted.filter(|_| first || !run.paths().affinity().exists()) {
+    if let Some(LiftedField { field, frame, spreads }) = lifted.filter(|_| first || !run.paths().affinity().exists()) {
         affinity::save(run, &field, frame, time, spreads)?;
     }
     Ok(())
@@ -125,8 +125,8 @@ pub(super) fn segments(run: &OpenRun, data: &Path) -> Result<SegmentStory, Strin
     save(run, &found, trained.parts, evaluation.time).map_err(|e| e.to_string())?;
 
     let times: Vec<f64> = (0..TIMES).map(|i| i as f64 / (TIMES - 1) as f64).collect();
-    let wanted: Vec<Followed<'_>> =
-        clicked.iter().map(|s| Followed { name: &s.name, members: &s.members, time: s.time }).collect();
+    let wanted: Vec<SegmentToTrack<'_>> =
+        clicked.iter().map(|s| SegmentToTrack { name: &s.name, members: &s.members, time: s.time }).collect();
     let lens = Lens { fov_x: FOV, width: WIDTH, height: WIDTH };
     let camera = orbit(8, RADIUS, 0.35, lens)[0].to_kernel();
     let alone = |at: &HostGaussians, members: &[u32]| {

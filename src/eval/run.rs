@@ -5,7 +5,7 @@ use super::distance::{AtDistance, by_distance};
 use super::regions::{ByRegion, RegionSums};
 use super::results::DataId;
 use super::sheet::{SheetRow, contact_sheet};
-use super::speed::{self, Speed};
+use super::speed::{self, RenderSpeed};
 use crate::csv;
 use crate::data::Split;
 use crate::metrics::METRICS;
@@ -55,7 +55,7 @@ pub struct Summary {
     pub by_region: ByRegion,
     /// Frames per second: `fps`, `fps_frames`, `fps_with_copy`.
     #[serde(flatten)]
-    pub speed: Speed,
+    pub speed: RenderSpeed,
     /// Seconds of training.
     pub training_seconds: f64,
     /// Steps of training; `None` if they are unknown.
@@ -106,7 +106,7 @@ pub struct ViewPicture {
 
 /// What the evaluation cannot determine itself.
 #[derive(Debug, Default)]
-pub struct Costs {
+pub struct RenderCosts {
     /// Seconds of training.
     pub training_seconds: f64,
     /// Steps of training, if known.
@@ -191,7 +191,7 @@ pub fn evaluate(
     model: &dyn Model,
     split: &Split,
     networks: &Networks,
-    costs: &Costs,
+    costs: &RenderCosts,
     mut progress: impl FnMut(usize, &MetricValues),
 ) -> Result<Evaluation, String> {
     let (w, h) = (split.images.width as usize, split.images.height as usize);

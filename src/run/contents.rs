@@ -17,7 +17,7 @@ use std::path::Path;
 
 /// One file or kind of file of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Item {
+pub struct RunItem {
     /// Its path within the run.
     pub file: String,
     /// What it holds, or what is wrong with it, in words.
@@ -55,7 +55,7 @@ pub struct RunContents {
     /// Number of edits in effect.
     pub edits: usize,
     /// All files that were checked.
-    pub files: Vec<Item>,
+    pub files: Vec<RunItem>,
 }
 
 impl RunContents {
@@ -100,7 +100,7 @@ impl RunContents {
     }
 
     /// The first file that is damaged.
-    pub fn damaged(&self) -> Option<&Item> {
+    pub fn damaged(&self) -> Option<&RunItem> {
         self.files.iter().find(|item| !item.ok)
     }
 
@@ -110,7 +110,7 @@ impl RunContents {
             Ok(detail) => (true, detail),
             Err(error) => (false, error.to_string()),
         };
-        self.files.push(Item { file, detail, ok });
+        self.files.push(RunItem { file, detail, ok });
     }
 
     fn record(&mut self, run: &Path) {

@@ -8,9 +8,9 @@ use crate::model::ToKernel;
 use crate::name::Name;
 use crate::segment::pictures::draw;
 use crate::segment::segmentation::SegmentOrigin;
-use crate::track::follow::{self as track, FollowOptions, Followed, Followup};
+use crate::track::follow::{self as track, FollowOptions, SegmentToTrack, TrackedSegment};
 use crate::track::report::{PictureOptions, ReportFolder, TrackReportError};
-use crate::track::statistics::{SegmentStatistics, Status};
+use crate::track::statistics::{RowStatus, SegmentStatistics};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -105,7 +105,7 @@ pub fn measure(
     group: Option<&Name>,
     (times, asked): (&TrackedTimes, &str),
     goes_on: impl FnMut() -> bool,
-) -> Result<Option<Vec<Followup>>, RunError> {
+) -> Result<Option<Vec<TrackedSegment>>, RunError> {
     let wanted = wanted(run, segments, group)?;
     check_memory(&wanted, times, asked)?;
     follow_all(run, &wanted, &times.list(), goes_on)
@@ -122,7 +122,7 @@ pub fn follow(
     run: &OpenRun,
     request: &FollowRequest<'_>,
     mut goes_on: impl FnMut(FollowProgress) -> bool,
-) -> Result<Option<Vec<Followup>>, RunError> {
+) -> Result<Option<Vec<TrackedSegment>>, RunError> {
     let wanted = wanted(run, request.segments, request.group)?;
     let folder = request.out.map_or_else(|| run.paths().tracks(), Path::to_owned);
     if request.out.is_none() {
@@ -170,9 +170,9 @@ fn follow_all(
     wanted: &[Wanted],
     times: &[f64],
     mut goes_on: impl FnMut() -> bool,
-) -> Result<Option<Vec<Followup>>, RunError> {
-    let segments: Vec<Followed<'_>> =
-        wanted.iter().map(|w| Followed { name: &w.name, members: &w.members, time: w.time }).collect();
+) -> Result<Option<Vec<TrackedSegment>>, RunError> {
+    let segments: Vec<SegmentToTrack<'_>> =
+        wanted.iter().map(|w| SegmentToTrack { name: &w.name, members: &w.members, time: w.time }).collect();
     let all = run.segments()?;
     let others =
         all.leaves().iter().map(|name| all.get(name)).collect::<Result<Vec<_>, _>>().map_err(RunError::input)?;
@@ -198,16 +198,16 @@ fn trained_times(run: &OpenRun) -> Vec<f64> {
 }
 
 /// Returns what a reader of the tables should know about how far they can be relied on, one sentence each.
-pub fn cautions(found: &Followup, calibration: &Calibration) -> Vec<String> {
+pub fn cautions(found: &TrackedSegment, calibration: &Calibration) -> Vec<String> {
     let rows = &found.statistics;
     let of = |n: usize| format!("{n} of {} times", rows.len());
     let count = |which: &dyn Fn(&SegmentStatistics) -> bool| rows.iter().filter(|row| which(row)).count();
     let mut said = Vec::new();
-    let lost = count(&|row| row.status == Status::Lost);
+    let lost = count(&|row| row.status == RowStatus::Lost);
     if lost > 0 {
         said.push(format!("it is lost at {}: nothing, or hardly anything, of it is left there", of(lost)));
     }
-    let weak = count(&|row| row.status == Status::Weak);
+    let weak = count(&|row| row.status == RowStatus::Weak);
     if weak > 0 {
         said.push(format!(
             "at {} less than half of it supports its place (columns counted_share and consistency)",

@@ -79,11 +79,11 @@ impl FrameBackground {
 
 /// Function that draws a frame from a camera and a time in [0, 1] to `[H, W, 4]`, as [`super::look::Look::frame`] or a
 /// model does.
-pub type Draw<'a> = dyn FnMut(&Camera, f64) -> Result<Vec<f32>, RunError> + 'a;
+pub type DrawFrame<'a> = dyn FnMut(&Camera, f64) -> Result<Vec<f32>, RunError> + 'a;
 
 /// Draws a frame and adds the time taken to `seconds`; returns its samples.
 fn picture(
-    draw: &mut Draw<'_>,
+    draw: &mut DrawFrame<'_>,
     (camera, time): (&Camera, f64),
     background: FrameBackground,
     stop: &AtomicBool,
@@ -144,7 +144,7 @@ pub fn check_name(out: &Path) -> Result<(), RunError> {
 /// or `stop` was set.
 pub fn film(
     out: &Path,
-    draw: &mut Draw<'_>,
+    draw: &mut DrawFrame<'_>,
     views: &[(Camera, f64)],
     background: FrameBackground,
     fps: u16,
@@ -197,7 +197,7 @@ impl Frames {
     /// If a frame cannot be drawn or written, or `stop` was set.
     pub fn draw(
         &mut self,
-        draw: &mut Draw<'_>,
+        draw: &mut DrawFrame<'_>,
         views: &[(Camera, f64)],
         background: FrameBackground,
         fps: u16,
@@ -214,7 +214,7 @@ impl Frames {
 
     fn frame(
         &mut self,
-        draw: &mut Draw<'_>,
+        draw: &mut DrawFrame<'_>,
         i: usize,
         (camera, time): &(Camera, f64),
         background: FrameBackground,

@@ -10,11 +10,11 @@ use crate::export::images::to_rgb8;
 use crate::files::AtomicDir;
 use crate::memory::{MemoryBudget, product};
 use crate::model::HostGaussians;
-use crate::segment::masks::handout::{self, FILE, Handout};
+use crate::segment::masks::handout::{self, FILE, PictureList};
 use crate::segment::masks::make::{MakeError, MaskJob, MaskShot, make_masks};
 use crate::segment::masks::registry::{ChosenSource, SourceInput, SourceViews};
 use crate::segment::masks::sheet::overlay;
-use crate::segment::masks::source::{Group, ScoredMask};
+use crate::segment::masks::source::{MaskGroup, ScoredMask};
 use crate::segment::masks::store::MAX_VIEWS;
 use crate::segment::pictures::GaussianPicture;
 use crate::segment::segmentation::members_key;
@@ -54,7 +54,7 @@ pub struct MaskRequest<'a> {
 #[derive(Clone, Debug)]
 pub struct MaskPlan {
     /// The segments.
-    pub groups: Vec<Group>,
+    pub groups: Vec<MaskGroup>,
     /// The views.
     pub shots: Vec<MaskShot>,
     /// Time in [0, 1].
@@ -102,8 +102,8 @@ impl MaskPlan {
         let first =
             segments.first().ok_or_else(|| RunError::input("no segments yet; run `volseggs segment coarse`"))?;
         let time = request.time.unwrap_or(first.time);
-        let groups: Vec<Group> =
-            segments.iter().map(|s| Group { name: s.name.to_string(), members: s.members.clone() }).collect();
+        let groups: Vec<MaskGroup> =
+            segments.iter().map(|s| MaskGroup { name: s.name.to_string(), members: s.members.clone() }).collect();
         if let Some(list) = &handout {
             check_groups(run, list, &groups)?;
         }
@@ -230,7 +230,7 @@ fn labels(run: &OpenRun, request: &MaskRequest<'_>, time: f64) -> Result<(Truth,
     Ok((truth, views))
 }
 
-fn read_handout(run: &OpenRun) -> Result<Handout, RunError> {
+fn read_handout(run: &OpenRun) -> Result<PictureList, RunError> {
     let folder = run.paths().mask_pictures();
     if !folder.join(FILE).exists() {
         return Err(RunError::input(format!(
@@ -240,11 +240,11 @@ fn read_handout(run: &OpenRun) -> Result<Handout, RunError> {
             shell::path(&run.path)
         )));
     }
-    Handout::read(&folder).map_err(RunError::input)
+    PictureList::read(&folder).map_err(RunError::input)
 }
 
 /// Checks that the pictures still show these segments.
-fn check_groups(run: &OpenRun, list: &Handout, groups: &[Group]) -> Result<(), RunError> {
+fn check_groups(run: &OpenRun, list: &PictureList, groups: &[MaskGroup]) -> Result<(), RunError> {
     let bad = |why: String| {
         let again = "remove the folder, write them again with --pictures and make new masks";
         let path = run.paths().mask_pictures().join(FILE);
@@ -253,7 +253,7 @@ fn check_groups(run: &OpenRun, list: &Handout, groups: &[Group]) -> Result<(), R
     if list.scene != run.scene.fingerprint() {
         return bad("the pictures are of another state of this scene (it was trained further since)".to_owned());
     }
-    for Group { name, members } in groups {
+    for MaskGroup { name, members } in groups {
         let Some(drawn) = list.groups.iter().find(|g| g.name == *name) else {
             let names: Vec<&str> = list.groups.iter().map(|g| g.name.as_str()).collect();
             return bad(format!("there are no pictures of {name}, only of {}", names.join(", ")));

@@ -59,14 +59,14 @@ fn short(value: f64) -> String {
 
 /// Assigns each Gaussian of a scene to the nearest of some materials.
 #[derive(Debug)]
-pub struct Assigned<'a> {
+pub struct AssignedMaterials<'a> {
     materials: &'a [NamedMaterial],
     /// Material of each Gaussian.
     nearest: Vec<Option<usize>>,
     opacity: Vec<f32>,
 }
 
-impl<'a> Assigned<'a> {
+impl<'a> AssignedMaterials<'a> {
     /// Assigns the canonical Gaussians of a run by their unlit colours.
     pub fn new(run: &OpenRun, materials: &'a [NamedMaterial]) -> Self {
         Self::of(&run.scene.gaussians.to_host(), materials)
@@ -123,7 +123,7 @@ mod tests {
         let names: Vec<(&str, &str)> = known.iter().map(|m| (m.name.as_str(), m.hex.as_str())).collect();
         assert_eq!(names, [("value 0", "#ff0000"), ("value 0.5", "#0033ff")]);
         let gaussians = of(&[[0.7, 0.2, 0.1], [0.1, 0.3, 0.8], [0.2, 0.3, 0.8]], &[3.0, -3.0, -3.0]);
-        let assigned = Assigned::of(&gaussians, &known);
+        let assigned = AssignedMaterials::of(&gaussians, &known);
         let name =
             |members: &[u32]| assigned.most(members).map(|made| (made.material.name, (10.0 * made.share).round()));
         assert_eq!(name(&[0, 1, 2]), Some(("value 0".to_owned(), 9.0)));

@@ -4,7 +4,7 @@ use super::{AnyRun, OpenRun, RunError, TrainedModel};
 use crate::data::dataset::measured_fingerprint;
 use crate::data::{Dataset, OpenOptions, Split, SplitName};
 use crate::eval::results::{DataId, results_folder, write_results};
-use crate::eval::run::{Costs, Evaluation, ViewSample, evaluate};
+use crate::eval::run::{Evaluation, RenderCosts, ViewSample, evaluate};
 use crate::files::{FolderKind, WriteError};
 use crate::metrics::metric::Networks;
 use crate::metrics::values::MetricValues;
@@ -123,7 +123,7 @@ pub fn measure(
             Err(error) => note = Some(format!("no training views were measured in addition: {error}")),
         }
     }
-    let costs = Costs {
+    let costs = RenderCosts {
         training_seconds: run.training_seconds(),
         steps: run.step(),
         model_bytes: model.len(),

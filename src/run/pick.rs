@@ -1,6 +1,6 @@
 //! Clicks: what is under a pixel of a picture, and the segment that a click there selects.
 //!
-//! A viewer opens a [`Clicking`] once per time, asks it for the [`Hit`] of each click and, as often as its sliders
+//! A viewer opens a [`Clicking`] once per time, asks it for the [`ClickHit`] of each click and, as often as its sliders
 //! move, for what that selects, and commits one selection; `volseggs segment pick` does the same once.
 
 use super::segments::RunSegments;
@@ -17,7 +17,7 @@ use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::AffinitySpec;
 use crate::segment::levels::prepare;
 use crate::segment::nested::objects;
-use crate::segment::pick::{Granularity, PickError, PickOptions, Picked, meant, pick};
+use crate::segment::pick::{Granularity, PickError, PickOptions, PickedGaussians, meant, pick};
 use crate::segment::propagate::propagate;
 use crate::segment::segmentation::{Segment, SegmentOrigin, Segmentation};
 use burn::tensor::Device;
@@ -85,7 +85,7 @@ pub struct Clicking {
 
 /// What a click hit.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Hit {
+pub struct ClickHit {
     /// Index of the Gaussian.
     pub gaussian: u32,
     /// Its share of the pixel's colour.
@@ -172,7 +172,7 @@ impl Clicking {
     ///
     /// # Errors
     /// [`ClickError::Outside`], [`ClickError::Nothing`], or an unknown name.
-    pub fn hit(&self, camera: &Camera, pixel: [u32; 2], within: Option<&str>) -> Result<Hit, ClickError> {
+    pub fn hit(&self, camera: &Camera, pixel: [u32; 2], within: Option<&str>) -> Result<ClickHit, ClickError> {
         let within = within.map(|name| self.segments.get(name)).transpose().map_err(RunError::input)?;
         let shown = within.map(|s| self.at.subset(&s.members));
         let (width, height) = (camera.width, camera.height);
@@ -193,7 +193,7 @@ impl Clicking {
         let segments: Vec<Name> = segments.collect();
         let within = within.map(|s| s.name.clone()).or_else(|| segments.first().cloned());
         let mean = [0, 1, 2].map(|k| self.at.means[3 * gaussian as usize + k]);
-        Ok(Hit { gaussian, weight, mean, segments, within })
+        Ok(ClickHit { gaussian, weight, mean, segments, within })
     }
 
     /// Finds the objects of parts of several segments, if these are joined.
@@ -223,7 +223,7 @@ impl Clicking {
     ///
     /// # Errors
     /// [`ClickError::NoField`], or a segment that no longer exists.
-    pub fn select(&self, hit: &Hit, options: &PickOptions) -> Result<Picked, ClickError> {
+    pub fn select(&self, hit: &ClickHit, options: &PickOptions) -> Result<PickedGaussians, ClickError> {
         let Some(field) = &self.field else { return Err(ClickError::NoField) };
         let candidates = match &hit.within {
             Some(name) => self.segments.get(name).map_err(RunError::input)?.members.clone(),
@@ -296,11 +296,11 @@ pub fn commit(
     run: &OpenRun,
     segments: &mut RunSegments,
     name: &Name,
-    hit: &Hit,
-    picked: &Picked,
+    hit: &ClickHit,
+    picked: &PickedGaussians,
     time: f64,
 ) -> Result<MadeSegment, RunError> {
-    let Picked { members, scale, threshold, .. } = picked;
+    let PickedGaussians { members, scale, threshold, .. } = picked;
     if members.is_empty() {
         return Err(RunError::input(format!(
             "{name}: only strays are similar to the clicked Gaussian; choose another pixel, another --level or a lower \

@@ -24,14 +24,14 @@ pub const SHOWN: usize = 40;
 
 /// Direction through the history of changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Towards {
+pub enum HistoryDirection {
     /// Back.
     Undo,
     /// Forward again.
     Redo,
 }
 
-impl Towards {
+impl HistoryDirection {
     /// Returns the command that does it.
     pub fn verb(self) -> &'static str {
         match self {
@@ -120,10 +120,10 @@ impl RunSegments {
     }
 
     /// Returns the changes that can be undone or redone, the next one first.
-    pub fn steps(&self, towards: Towards) -> Vec<&str> {
+    pub fn steps(&self, towards: HistoryDirection) -> Vec<&str> {
         match towards {
-            Towards::Undo => self.found.undoable(),
-            Towards::Redo => self.found.redoable(),
+            HistoryDirection::Undo => self.found.undoable(),
+            HistoryDirection::Redo => self.found.redoable(),
         }
     }
 
@@ -131,14 +131,14 @@ impl RunSegments {
     ///
     /// # Errors
     /// If there are fewer than `count`, or one of them renames a segment and [`RunSegments::rename`] would refuse that.
-    pub fn step(&mut self, towards: Towards, count: usize) -> Result<Vec<String>, RunError> {
+    pub fn step(&mut self, towards: HistoryDirection, count: usize) -> Result<Vec<String>, RunError> {
         check_count(towards, count, self.steps(towards).len(), &self.path)?;
         let renames = self.check_renames(towards, count)?;
         let mut done = Vec::with_capacity(count);
         for _ in 0..count {
             done.extend(match towards {
-                Towards::Undo => self.found.undo(),
-                Towards::Redo => self.found.redo(),
+                HistoryDirection::Undo => self.found.undo(),
+                HistoryDirection::Redo => self.found.redo(),
             });
         }
         self.renamed.extend(renames);
@@ -149,10 +149,10 @@ impl RunSegments {
     ///
     /// # Errors
     /// The first one that [`RunSegments::rename`] would refuse.
-    fn check_renames(&self, towards: Towards, count: usize) -> Result<Vec<[Name; 2]>, RunError> {
+    fn check_renames(&self, towards: HistoryDirection, count: usize) -> Result<Vec<[Name; 2]>, RunError> {
         let next = |count| match towards {
-            Towards::Undo => self.found.undo_renames(count),
-            Towards::Redo => self.found.redo_renames(count),
+            HistoryDirection::Undo => self.found.undo_renames(count),
+            HistoryDirection::Redo => self.found.redo_renames(count),
         };
         let renames = next(count);
         if renames.is_empty() {
@@ -175,10 +175,10 @@ impl RunSegments {
 
     /// Returns whether the edits were not written after the segments when `new` was renamed to `old`, so that they
     /// still name `new`, which the next step restores: no other segment can have had that name since.
-    fn interrupted(&self, towards: Towards, edits: &EditStack, old: &str, new: &str) -> bool {
+    fn interrupted(&self, towards: HistoryDirection, edits: &EditStack, old: &str, new: &str) -> bool {
         let unused = match towards {
-            Towards::Undo => self.found.redoable().is_empty(),
-            Towards::Redo => !self.found.had(new),
+            HistoryDirection::Undo => self.found.redoable().is_empty(),
+            HistoryDirection::Redo => !self.found.had(new),
         };
         unused && edits.names(new) && !edits.names(old)
     }
@@ -299,7 +299,7 @@ pub fn by_colour(run: &OpenRun, found: &Coarse, time: f64) -> Result<Segmentatio
 ///
 /// # Errors
 /// If not; the error says how many there are.
-pub(super) fn check_count(towards: Towards, count: usize, there: usize, file: &Path) -> Result<(), RunError> {
+pub(super) fn check_count(towards: HistoryDirection, count: usize, there: usize, file: &Path) -> Result<(), RunError> {
     let verb = towards.verb();
     if there == 0 {
         return Err(RunError::input(format!("nothing to {verb} in {}", file.display())));

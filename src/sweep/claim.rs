@@ -55,7 +55,7 @@ pub struct Claim {
 
 /// The result of asking for a run.
 #[derive(Debug)]
-pub enum Claimed {
+pub enum ClaimOutcome {
     /// This process has it.
     Mine(Claim),
     /// Another running process has it.
@@ -67,24 +67,24 @@ pub enum Claimed {
 ///
 /// # Errors
 /// Any error of the file system.
-pub fn claim(folder: &Path) -> io::Result<Claimed> {
+pub fn claim(folder: &Path) -> io::Result<ClaimOutcome> {
     fs::create_dir_all(folder)?;
     let me = ClaimHolder::me();
     let mut watched: Option<(u32, ClaimHolder, Instant)> = None;
     loop {
         let Some((number, holder)) = newest(folder)? else {
             if let Some(claim) = take(folder, 1, &me)? {
-                return Ok(Claimed::Mine(claim));
+                return Ok(ClaimOutcome::Mine(claim));
             }
             continue;
         };
         let free = match holder {
             Some(holder) if !holder.released => match (holder.is_gone(&me), &watched) {
                 (Some(true), _) => true,
-                (Some(false), _) => return Ok(Claimed::Held(holder)),
+                (Some(false), _) => return Ok(ClaimOutcome::Held(holder)),
                 (None, Some((n, was, since))) if *n == number && *was == holder => since.elapsed() > DEAD,
                 // there was a heartbeat while we watched
-                (None, Some((n, ..))) if *n == number => return Ok(Claimed::Held(holder)),
+                (None, Some((n, ..))) if *n == number => return Ok(ClaimOutcome::Held(holder)),
                 (None, _) => {
                     watched = Some((number, holder, Instant::now()));
                     false
@@ -109,7 +109,7 @@ pub fn claim(folder: &Path) -> io::Result<Claimed> {
                 )));
             }
             if let Some(claim) = take(folder, number + 1, &me)? {
-                return Ok(Claimed::Mine(claim));
+                return Ok(ClaimOutcome::Mine(claim));
             }
             watched = None;
         } else {
@@ -244,10 +244,10 @@ impl std::fmt::Display for ClaimHolder {
 mod tests {
     use super::*;
 
-    fn mine(claimed: io::Result<Claimed>) -> Claim {
+    fn mine(claimed: io::Result<ClaimOutcome>) -> Claim {
         match claimed.unwrap() {
-            Claimed::Mine(claim) => claim,
-            Claimed::Held(holder) => panic!("held by {holder}"),
+            ClaimOutcome::Mine(claim) => claim,
+            ClaimOutcome::Held(holder) => panic!("held by {holder}"),
         }
     }
 
@@ -255,11 +255,11 @@ mod tests {
     fn one_of_many_gets_the_claim_and_the_next_one_after_its_release() {
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path().join("run");
-        let got: Vec<Claimed> = std::thread::scope(|s| {
+        let got: Vec<ClaimOutcome> = std::thread::scope(|s| {
             let threads: Vec<_> = (0..8).map(|_| s.spawn(|| claim(&folder).unwrap())).collect();
             threads.into_iter().map(|t| t.join().unwrap()).collect()
         });
-        assert_eq!(got.iter().filter(|c| matches!(c, Claimed::Mine(_))).count(), 1);
+        assert_eq!(got.iter().filter(|c| matches!(c, ClaimOutcome::Mine(_))).count(), 1);
         assert!(holder(&folder).is_some());
         drop(got);
         assert!(holder(&folder).is_none());
@@ -327,6 +327,6 @@ mod tests {
             other.write(&path).unwrap();
             asking.join().unwrap()
         });
-        assert!(matches!(answer, Claimed::Held(h) if h.beat == 1));
+        assert!(matches!(answer, ClaimOutcome::Held(h) if h.beat == 1));
     }
 }

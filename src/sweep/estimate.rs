@@ -5,12 +5,12 @@
 use super::builds::OtherBuilds;
 use super::datasets::DataPlan;
 use super::file::EvalSpec;
-use super::plan::{Plan, Run};
+use super::plan::{Plan, PlannedRun};
 use super::result::{RunCompletion, progress, read, read_segments, segments_path};
 use crate::config::types::Config;
 use crate::eval::segments::{SegmentEvalOptions, SelectionMethod};
 use crate::files::RunPaths;
-use crate::method::{self, GaussianWork, Work};
+use crate::method::{self, GaussianWork, MethodWork};
 use crate::train::budget::max_gaussians;
 use crate::train::losses;
 use crate::train::run::RunRecord;
@@ -63,7 +63,7 @@ const PER_PRODUCT: f64 = PER_WEIGHT / 3.0;
 
 /// Estimated cost of one run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Cost {
+pub struct RunCost {
     /// Seconds of CPU time of the steps; does not account for the device's time on a GPU.
     pub cpu_seconds: f64,
     /// Seconds of CPU time before and after them: start, images, evaluation.
@@ -74,7 +74,7 @@ pub struct Cost {
 
 /// Estimated cost of a whole sweep.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Estimate {
+pub struct SweepEstimate {
     /// Number of runs left to do.
     pub open: usize,
     /// Seconds from now to the end.
@@ -86,13 +86,13 @@ pub struct Estimate {
 }
 
 /// Estimates the cost of a run of `config` on `data`, measured as `eval` specifies.
-pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
+pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> RunCost {
     let factor = f64::from(config.data.downscale.max(1));
     let pixels = f64::from(data.size[0]) * f64::from(data.size[1]) / (factor * factor);
     let method = method::find(&config.method).ok();
     let of = match method.and_then(|method| Some((method.steps(config) as f64, method.work(config)?))) {
-        Some((steps, Work::Network { step, pixel, bytes })) => of_network(steps, [step, pixel], bytes, pixels),
-        Some((_, Work::Gaussians(work))) => of_gaussians(config, work, pixels),
+        Some((steps, MethodWork::Network { step, pixel, bytes })) => of_network(steps, [step, pixel], bytes, pixels),
+        Some((_, MethodWork::Gaussians(work))) => of_gaussians(config, work, pixels),
         None => of_gaussians(config, GaussianWork::of_the_field(&config.model), pixels),
     };
     let views = data.views as f64 + if config.output.eval_every > 0 { data.test_views as f64 } else { 0.0 };
@@ -112,7 +112,7 @@ pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
     };
     // images as bytes; the program itself
     let memory = of.memory + views * pixels * 4.0 + 1.5e8;
-    Cost { cpu_seconds: of.cpu_seconds.min(max_cpu_seconds), around, memory }
+    RunCost { cpu_seconds: of.cpu_seconds.min(max_cpu_seconds), around, memory }
 }
 
 /// The part of the cost that depends on the method.
@@ -173,10 +173,10 @@ fn cores() -> f64 {
 }
 
 /// Estimates what is left of `runs`, `jobs` at a time; failed runs count if they are tried again (`retry`).
-pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize, retry: bool) -> Estimate {
+pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize, retry: bool) -> SweepEstimate {
     let cores = cores();
     // its cost, and that of its segments that are not measured yet
-    let of = |i: usize, run: &Run| -> Option<(Cost, f64)> {
+    let of = |i: usize, run: &PlannedRun| -> Option<(RunCost, f64)> {
         let config: Config = toml::from_str(&run.config).ok()?;
         let data = plan.datasets.get(&run.dataset)?;
         let left = run.segments.iter().filter(|spec| read_segments(&segments_path(plan, i, spec)).is_none());
@@ -223,7 +223,7 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize, retry: bool) -> Estima
         let rendered = plan.datasets.values().filter(|d| !d.folder.is_dir()).map(images).sum::<f64>();
         around += REPORT + wall(rendered * PER_PIXEL_RENDERED);
     }
-    Estimate { open, seconds: seconds * correction + around, memory: memory * together, correction }
+    SweepEstimate { open, seconds: seconds * correction + around, memory: memory * together, correction }
 }
 
 #[cfg(test)]

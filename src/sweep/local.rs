@@ -43,7 +43,7 @@ pub struct LocalOptions {
 
 /// Numbers of runs by how they ended.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Tally {
+pub struct RunTally {
     /// Done now.
     pub done: usize,
     /// Done before.
@@ -68,9 +68,9 @@ struct LocalJob {
 ///
 /// # Errors
 /// If a process cannot be started, or `stop` was raised (children then save checkpoints first).
-pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tally, SweepError> {
+pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<RunTally, SweepError> {
     std::fs::create_dir_all(options.dir.join("logs")).map_err(|e| SweepError::io(&options.dir, e))?;
-    let mut tally = Tally::default();
+    let mut tally = RunTally::default();
     let mut runs = options.runs.clone();
     let (mut stopped, mut failed_before_end) = (BTreeMap::new(), 0);
     if let Some(spec) = &plan.halving {
@@ -80,11 +80,11 @@ pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tal
             let open: Vec<usize> = runs.iter().copied().filter(short).collect();
             if !open.is_empty() {
                 errln!("to step {rung}: {} runs", open.len());
-                let mut at_rung = Tally::default();
+                let mut at_rung = RunTally::default();
                 Pool::new(plan, options, Some(rung), stop).all(&open, &mut at_rung)?;
                 if at_rung.died > 0 {
                     // judged now, they would be judged by fewer steps than the others
-                    return Ok(Tally { died: at_rung.died, failed: at_rung.failed, ..tally });
+                    return Ok(RunTally { died: at_rung.died, failed: at_rung.failed, ..tally });
                 }
             }
             // with those not chosen that have come as far before: a run must not be the best of itself alone
@@ -140,7 +140,7 @@ impl<'a> Pool<'a> {
     }
 
     /// Runs `open`, in order, `jobs` at a time.
-    fn all(&self, open: &[usize], tally: &mut Tally) -> Result<(), SweepError> {
+    fn all(&self, open: &[usize], tally: &mut RunTally) -> Result<(), SweepError> {
         let mut jobs = Vec::new();
         let ended = self.drive(open, &mut jobs, tally);
         // no child is left behind, even after an error
@@ -149,7 +149,7 @@ impl<'a> Pool<'a> {
         ended
     }
 
-    fn drive(&self, open: &[usize], jobs: &mut Vec<LocalJob>, tally: &mut Tally) -> Result<(), SweepError> {
+    fn drive(&self, open: &[usize], jobs: &mut Vec<LocalJob>, tally: &mut RunTally) -> Result<(), SweepError> {
         let mut waiting: VecDeque<usize> = open.iter().copied().collect();
         // runs that another process has; tried again now and then
         let mut held: Vec<(usize, Instant)> = Vec::new();
@@ -258,7 +258,7 @@ impl<'a> Pool<'a> {
         if self.overall.is_hidden() { errln!("{text}") } else { self.overall.println(text) }
     }
 
-    fn ended(&self, job: &LocalJob, status: ExitStatus, tally: &mut Tally) {
+    fn ended(&self, job: &LocalJob, status: ExitStatus, tally: &mut RunTally) {
         job.line.finish_and_clear();
         self.overall.inc(1);
         let run = &self.plan.runs[job.index];

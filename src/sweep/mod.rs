@@ -39,4 +39,4 @@ pub mod work;
 pub use contents::ContentDigests;
 pub use datasets::DataPlan;
 pub use error::SweepError;
-pub use plan::{Plan, PlanEntry, PlanOptions, Run};
+pub use plan::{Plan, PlanEntry, PlanOptions, PlannedRun};

@@ -90,14 +90,14 @@ pub struct Plan {
     /// Datasets by name; synthetic ones are rendered before the first run.
     pub datasets: BTreeMap<String, DataPlan>,
     /// The training runs.
-    pub runs: Vec<Run>,
+    pub runs: Vec<PlannedRun>,
     /// The places in the table, with seeds outermost.
     pub entries: Vec<PlanEntry>,
 }
 
 /// One training run and what is measured of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Run {
+pub struct PlannedRun {
     /// Hash of configuration, dataset, device, version and tag, and the build that trains it; the name of its folder.
     /// See [`super::key`].
     pub key: String,
@@ -242,7 +242,7 @@ impl Plan {
     ) -> Result<(), String> {
         let index = *placed.runs.entry(key.clone()).or_insert_with(|| {
             let several = |one: bool, text: String| if one { String::new() } else { text };
-            self.runs.push(Run {
+            self.runs.push(PlannedRun {
                 key,
                 label: format!(
                     "{}{}{} seed {seed}",

@@ -1,7 +1,7 @@
 //! The scene that a client clicks on, prepared beside the drawing thread while nobody clicks, so that a click is
 //! answered at once.
 
-use super::reading::Read;
+use super::reading::OpenedRun;
 use super::workspace::Workspace;
 use crate::run::RunError;
 use crate::run::pick::Clicking;
@@ -46,7 +46,7 @@ impl Clicks {
         if space.shown.field.is_none() || now.as_ref().is_some_and(|c| c.fits(space, time) || busy(c)) {
             return;
         }
-        let Read { run, segments, field, .. } = &space.shown;
+        let OpenedRun { run, segments, field, .. } = &space.shown;
         let (run, segments, field) = (run.share(), segments.now().clone(), field.clone());
         // what the field says about the Gaussians is the same at all times
         let before = now.take().filter(|c| c.revision == space.revision()).and_then(Self::into_ready);

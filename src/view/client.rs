@@ -10,8 +10,8 @@ use super::workspace::Workspace;
 use crate::name::Name;
 use crate::run::RunError;
 use crate::run::look::{Legend, Look, PreparedLook};
-use crate::run::pick::{ClickError, Hit, surface_point};
-use crate::segment::pick::{Granularity, PickOptions, Picked};
+use crate::run::pick::{ClickError, ClickHit, surface_point};
+use crate::segment::pick::{Granularity, PickOptions, PickedGaussians};
 use std::time::Instant;
 use tokio::sync::mpsc::Sender;
 
@@ -61,9 +61,9 @@ fn shown(view: &View, side: Side) -> String {
 #[derive(Clone, Debug)]
 pub struct ClickResult {
     /// The last click.
-    pub hit: Hit,
+    pub hit: ClickHit,
     /// What all clicks selected, with scale and cosine of the last.
-    pub picked: Picked,
+    pub picked: PickedGaussians,
     /// Time of the click.
     pub time: f64,
     /// What was selected before the last click, and how the click combines with it.
@@ -279,7 +279,7 @@ impl Client {
     fn select(
         &mut self,
         id: u32,
-        hit: Hit,
+        hit: ClickHit,
         time: f64,
         before: (Vec<u32>, Combine),
         meaning: Option<RequestedGranularity>,

@@ -6,7 +6,7 @@
 
 /// One of the two histories.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stack {
+pub enum HistoryStack {
     /// That of the segments.
     Segments,
     /// That of the edits.
@@ -25,13 +25,13 @@ pub struct StepCounts {
 /// The changes that were seen in both histories, newest last.
 #[derive(Clone, Debug, Default)]
 pub struct ChangeOrder {
-    done: Vec<Stack>,
-    undone: Vec<Stack>,
+    done: Vec<HistoryStack>,
+    undone: Vec<HistoryStack>,
 }
 
 impl ChangeOrder {
     /// Records that a history was changed, undone or redone: its steps before and after show which.
-    pub fn record(&mut self, stack: Stack, before: StepCounts, after: StepCounts) {
+    pub fn record(&mut self, stack: HistoryStack, before: StepCounts, after: StepCounts) {
         if after.redo > before.redo {
             for _ in before.redo..after.redo {
                 take_last(&mut self.done, stack);
@@ -54,35 +54,35 @@ impl ChangeOrder {
     }
 
     /// Returns the history of which to undo a step.
-    pub fn to_undo(&self, segments: StepCounts, edits: StepCounts) -> Option<Stack> {
+    pub fn to_undo(&self, segments: StepCounts, edits: StepCounts) -> Option<HistoryStack> {
         let last = self.done.last().copied();
         last.or_else(|| first(edits.undo, segments.undo))
     }
 
     /// Returns the history of which to redo a step.
-    pub fn to_redo(&self, segments: StepCounts, edits: StepCounts) -> Option<Stack> {
+    pub fn to_redo(&self, segments: StepCounts, edits: StepCounts) -> Option<HistoryStack> {
         let last = self.undone.last().copied();
         // after a change that was seen, what was undone before stays undone
         last.or_else(|| first(edits.redo, segments.redo).filter(|_| self.done.is_empty()))
     }
 }
 
-fn first(edits: usize, segments: usize) -> Option<Stack> {
+fn first(edits: usize, segments: usize) -> Option<HistoryStack> {
     match (edits, segments) {
         (0, 0) => None,
-        (0, _) => Some(Stack::Segments),
-        _ => Some(Stack::Edits),
+        (0, _) => Some(HistoryStack::Segments),
+        _ => Some(HistoryStack::Edits),
     }
 }
 
-fn take_last(list: &mut Vec<Stack>, stack: Stack) {
+fn take_last(list: &mut Vec<HistoryStack>, stack: HistoryStack) {
     if let Some(at) = list.iter().rposition(|s| *s == stack) {
         list.remove(at);
     }
 }
 
 /// Keeps the last `max_changes` changes of a history.
-fn forget_oldest(list: &mut Vec<Stack>, stack: Stack, max_changes: usize) {
+fn forget_oldest(list: &mut Vec<HistoryStack>, stack: HistoryStack, max_changes: usize) {
     let mut over = list.iter().filter(|s| **s == stack).count().saturating_sub(max_changes);
     list.retain(|s| {
         let goes = *s == stack && over > 0;
@@ -103,25 +103,25 @@ mod tests {
     }
 
     impl Both {
-        fn to(&mut self, stack: Stack, undo: usize, redo: usize) {
-            let steps = &mut self.steps[usize::from(stack == Stack::Edits)];
+        fn to(&mut self, stack: HistoryStack, undo: usize, redo: usize) {
+            let steps = &mut self.steps[usize::from(stack == HistoryStack::Edits)];
             let after = StepCounts { undo, redo };
             self.order.record(stack, *steps, after);
             *steps = after;
         }
 
-        fn undo(&self) -> Option<Stack> {
+        fn undo(&self) -> Option<HistoryStack> {
             self.order.to_undo(self.steps[0], self.steps[1])
         }
 
-        fn redo(&self) -> Option<Stack> {
+        fn redo(&self) -> Option<HistoryStack> {
             self.order.to_redo(self.steps[0], self.steps[1])
         }
     }
 
     #[test]
     fn the_latest_change_is_undone_first_and_redone_last() {
-        use Stack::{Edits, Segments};
+        use HistoryStack::{Edits, Segments};
         let mut both = Both::default();
         assert_eq!((both.undo(), both.redo()), (None, None));
         both.to(Segments, 1, 0);
@@ -142,7 +142,7 @@ mod tests {
 
     #[test]
     fn earlier_changes_are_undone_edits_first_and_forgotten_ones_never() {
-        use Stack::{Edits, Segments};
+        use HistoryStack::{Edits, Segments};
         let mut both =
             Both { steps: [StepCounts { undo: 50, redo: 1 }, StepCounts { undo: 2, redo: 0 }], ..Both::default() };
         assert_eq!((both.undo(), both.redo()), (Some(Edits), Some(Segments)));

@@ -7,7 +7,7 @@ use crate::name::Name;
 use crate::run::follow::{TrackedTimes, measure};
 use crate::run::{OpenRun, RunError};
 use crate::track::events::EventKind;
-use crate::track::follow::Followup;
+use crate::track::follow::TrackedSegment;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::ops::RangeInclusive;
@@ -54,7 +54,7 @@ pub struct TrackEvent {
 }
 
 impl Track {
-    fn new(id: u32, segments: Vec<String>, found: &Followup) -> Self {
+    fn new(id: u32, segments: Vec<String>, found: &TrackedSegment) -> Self {
         let rows = &found.statistics;
         let events = found.tracking.events.iter().filter(|e| e.kind != EventKind::Continue);
         let speed = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -229,7 +229,7 @@ mod tests {
         };
         let events = vec![event(EventKind::Continue, &[1], &[1]), event(EventKind::Split, &[1], &[2, 3])];
         let tracking = Tracking { events, points: Vec::new() };
-        let found = Followup { name: "a".into(), statistics: Vec::new(), tracking };
+        let found = TrackedSegment { name: "a".into(), statistics: Vec::new(), tracking };
         let track = Track::new(7, vec!["a".into()], &found);
         assert_eq!(track.events, [TrackEvent { kind: EventKind::Split, from: 0.5, to: 0.6, parts: [1, 2] }]);
         assert!(serde_json::to_string(&track).unwrap().contains(r#""kind":"split""#));

@@ -37,23 +37,23 @@ pub struct TrainingStatus {
 }
 
 /// When a file was written, and how long it is.
-pub type Stamp = Option<(SystemTime, u64)>;
+pub type FileStamp = Option<(SystemTime, u64)>;
 
 /// Returns the stamp of a file; `None` if it is missing.
-pub fn stamp(path: &Path) -> Stamp {
+pub fn stamp(path: &Path) -> FileStamp {
     let found = std::fs::metadata(path).ok()?;
     Some((found.modified().ok()?, found.len()))
 }
 
 /// Watches the log of a run.
 #[derive(Debug, Default)]
-pub struct Watch {
-    seen: Option<[Stamp; 2]>,
+pub struct LogWatch {
+    seen: Option<[FileStamp; 2]>,
     checked: Option<Instant>,
     now: Option<TrainingStatus>,
 }
 
-impl Watch {
+impl LogWatch {
     /// Returns what is known of the training.
     pub fn now(&self) -> Option<&TrainingStatus> {
         self.now.as_ref()

@@ -5,8 +5,8 @@ use crate::driver::{Target, accepted, fuzz};
 use image::Luma;
 use std::path::Path;
 use volseggs::model::ToKernel;
-use volseggs::segment::masks::handout::{self, Handout};
-use volseggs::segment::masks::source::dir::Foreign;
+use volseggs::segment::masks::handout::{self, PictureList};
+use volseggs::segment::masks::source::dir::ForeignMasks;
 use volseggs::segment::masks::source::{MaskInput, MaskSource};
 use volseggs::segment::masks::{Annotation, Mask, MaskFileHeader, MaskReader, MaskView, MaskWriter, rle};
 use volseggs::segment::pictures::GaussianPicture;
@@ -98,7 +98,7 @@ fn picture() -> GaussianPicture {
 /// Opens masks of other programs for two views of two groups, and requests all of them; returns their number.
 fn foreign(path: &Path) -> Option<usize> {
     let (groups, views) = (["a", "b"].map(str::to_owned), ["view-000.png", "view-001.png"].map(str::to_owned));
-    let source = accepted(Foreign::open(path, &groups, &[], &views, [4, 2]))?;
+    let source = accepted(ForeignMasks::open(path, &groups, &[], &views, [4, 2]))?;
     let mut count = 0;
     let picture = picture();
     for (group, view) in [(0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (0, 2)] {
@@ -170,7 +170,7 @@ fn pictures() {
             4.0,
             volseggs::data::paths::Lens { fov_x: 0.5, width: 8, height: 8 },
         );
-        let list = Handout {
+        let list = PictureList {
             scene: "0123456789abcdef".into(),
             time: 0.5,
             groups: vec![handout::HandoutGroup { name: "red".into(), gaussians: 7, members: String::new() }],
@@ -179,7 +179,7 @@ fn pictures() {
         let (path, scratch) = (scratch.path(handout::FILE), scratch.clone());
         let read = move |bytes: &[u8]| {
             scratch.overwrite(&path, bytes);
-            let Some(list) = accepted(Handout::read(scratch.root())) else { return false };
+            let Some(list) = accepted(PictureList::read(scratch.root())) else { return false };
             for view in &list.views {
                 let _ =
                     (view.camera.fov_x(), view.camera.to_kernel(), view.camera.downscaled(0), view.camera.forward());

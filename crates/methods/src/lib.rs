@@ -58,7 +58,7 @@ pub use fourdgs::FourDgs;
 pub use volseggs::VolSegGs;
 pub use volseggs_core::model::{Counts, Model};
 pub use volseggs_core::train::{SavedTraining, Training};
-pub use work::{GaussianWork, Work};
+pub use work::{GaussianWork, MethodWork};
 
 use burn::tensor::Device;
 use std::path::Path;
@@ -110,7 +110,7 @@ pub trait Method: Send + Sync {
     fn steps(&self, config: &Config) -> usize;
 
     /// The cost, for the estimate of a sweep; `None` if it is that of the Gaussians and the field of the shared sections.
-    fn work(&self, _: &Config) -> Option<Work> {
+    fn work(&self, _: &Config) -> Option<MethodWork> {
         None
     }
 

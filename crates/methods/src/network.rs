@@ -1,7 +1,7 @@
 //! Methods that consist of one network, without Gaussians: training, files, resuming and guards follow from a few
 //! functions.
 
-use super::{Counts, Method, Model, SavedTraining, Training, Work, file};
+use super::{Counts, Method, MethodWork, Model, SavedTraining, Training, file};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use glam::DVec3;
@@ -62,7 +62,7 @@ pub trait Network: Clone + Debug + Send + Sync + 'static {
     fn steps(&self, config: &Config) -> usize;
 
     /// The cost, as in [`Method::work`]; unknown by default.
-    fn work(&self, _: &Config) -> Option<Work> {
+    fn work(&self, _: &Config) -> Option<MethodWork> {
         None
     }
 
@@ -159,7 +159,7 @@ impl<N: Network> Method for OneNetwork<N> {
         self.0.steps(config)
     }
 
-    fn work(&self, config: &Config) -> Option<Work> {
+    fn work(&self, config: &Config) -> Option<MethodWork> {
         self.0.work(config)
     }
 

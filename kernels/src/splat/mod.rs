@@ -166,7 +166,7 @@ pub trait SplatBackwardOps: Backend {
 
 /// A rendered view.
 #[derive(Clone, Debug)]
-pub struct Splatted {
+pub struct SplatOutput {
     /// Colour over the background and alpha, `[H, W, 4]`, differentiable.
     pub image: Tensor<3>,
     /// Radius on screen in pixels, 0 for Gaussians that were not drawn, `[N]`.
@@ -257,7 +257,7 @@ fn offsets_or_zeros(offsets: Option<Tensor<2>>, means: &Tensor<2>) -> Tensor<2> 
 /// # Panics
 /// If the shapes disagree, `sh` holds fewer coefficients than `settings.sh_degree` needs, or the settings are out of
 /// range: all are errors of the calling program, never of the data.
-pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> Splatted {
+pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> SplatOutput {
     inputs.check(&settings);
     render(inputs.seen(&settings).into_tensors(), settings)
 }
@@ -314,7 +314,7 @@ fn check_common(
     }
 }
 
-fn render(tensors: SplatTensors<Dispatch>, settings: SplatSettings) -> Splatted {
+fn render(tensors: SplatTensors<Dispatch>, settings: SplatSettings) -> SplatOutput {
     let out = Dispatch::splat_forward(tensors, settings, false);
-    Splatted { image: Tensor::from_dispatch(out.image), radii: Tensor::from_dispatch(out.radii) }
+    SplatOutput { image: Tensor::from_dispatch(out.image), radii: Tensor::from_dispatch(out.radii) }
 }

@@ -3,11 +3,11 @@
 mod values;
 
 use super::values::{count, finite_f32, not_negative_f32, point, positive_f32};
-use super::{CliError, Common, print_json};
+use super::{CliError, CommonArgs, print_json};
 use crate::data::calibration::PhysicalSpace;
 use crate::edit::{Edit, EditStack, Operation};
 use crate::files::LockDuration;
-use crate::run::segments::Towards;
+use crate::run::segments::HistoryDirection;
 use crate::run::{OpenRun, RunError, edits};
 use crate::versioned::Versioned;
 use clap::{Args, Subcommand};
@@ -31,7 +31,7 @@ struct EditedRun {
     /// Folder of the run.
     run: PathBuf,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 /// The segments of a run to edit.
@@ -198,8 +198,8 @@ impl EditArgs {
             EditCommand::Scale { targets, factor, about, units } => {
                 targets.edit(|run| Operation::Scale { factor, about: about.map(|at| units.position(run, at)) })
             }
-            EditCommand::Undo { target, count } => target.change(|run| edits::step(run, Towards::Undo, count)),
-            EditCommand::Redo { target, count } => target.change(|run| edits::step(run, Towards::Redo, count)),
+            EditCommand::Undo { target, count } => target.change(|run| edits::step(run, HistoryDirection::Undo, count)),
+            EditCommand::Redo { target, count } => target.change(|run| edits::step(run, HistoryDirection::Redo, count)),
             EditCommand::List(target) => {
                 let run = target.common.open(&target.run)?;
                 target.print(&run, &run.edits()?)

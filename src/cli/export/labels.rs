@@ -8,7 +8,7 @@ use crate::data::calibration::AxisConvention;
 use crate::export::exporters::LabelWriter;
 use crate::log::progress;
 use crate::run::OpenRun;
-use crate::run::export::{ExportRecord, Output, write_labels};
+use crate::run::export::{ExportOutput, ExportRecord, write_labels};
 use crate::run::fields::FieldPlan;
 use crate::run::labels::{Agreement, LabelPlan, LabelTruth, RunLabels, VoxelLabels};
 use crate::segment::dice::Confusion;
@@ -225,11 +225,16 @@ pub(super) fn run(
 }
 
 /// The given output path, or one in `RUN/labels`, which is created.
-fn output(args: &ExportArgs, run: &OpenRun, extension: &'static str, needed: &[&Path]) -> Result<Output, CliError> {
+fn output(
+    args: &ExportArgs,
+    run: &OpenRun,
+    extension: &'static str,
+    needed: &[&Path],
+) -> Result<ExportOutput, CliError> {
     let many = args.frames.is_some();
     Ok(match &args.out {
-        Some(out) => Output::new(out, extension, many, needed)?,
-        None => Output::within(&run.paths().labels(), "labels", extension, many, needed)?,
+        Some(out) => ExportOutput::new(out, extension, many, needed)?,
+        None => ExportOutput::within(&run.paths().labels(), "labels", extension, many, needed)?,
     })
 }
 

@@ -8,7 +8,7 @@ use super::data::DataArgs;
 use super::shown::ShownArgs;
 use super::time::TimeArg;
 use super::values::count;
-use super::{CliError, Common, command_line};
+use super::{CliError, CommonArgs, command_line};
 use crate::export::exporters::{Content, Exporter};
 use crate::files::LockDuration;
 use crate::memory::{MemoryBudget, product};
@@ -71,7 +71,7 @@ pub struct ExportArgs {
     #[command(flatten)]
     data: DataArgs,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
     #[command(flatten)]
     labels: LabelArgs,
 }

@@ -9,7 +9,9 @@ use crate::export::ply::MAX_SH_DEGREE;
 use crate::log::progress;
 use crate::model::Rendering;
 use crate::run::OpenRun;
-use crate::run::export::{ExportRecord, ExportUnits, MEASURED, Output, Refit, RefitPlan, SplatPlan, write_splats};
+use crate::run::export::{
+    ExportOutput, ExportRecord, ExportUnits, MEASURED, Refit, RefitPlan, SplatPlan, write_splats,
+};
 use std::sync::atomic::Ordering;
 use volseggs_kernels::splat::DILATION;
 
@@ -25,7 +27,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: &'static Exporter) -
     let times = args.times(run)?;
     let needed = [run.path.as_path()];
     let extension = format.extension;
-    let output = Output::new(out, extension, args.frames.is_some(), &needed)?;
+    let output = ExportOutput::new(out, extension, args.frames.is_some(), &needed)?;
     let plan = SplatPlan {
         format,
         units: args.units(run)?,

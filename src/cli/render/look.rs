@@ -4,7 +4,7 @@ use super::super::CliError;
 use super::super::error::refuse;
 use super::super::values::point;
 use crate::run::look::Show;
-use crate::run::numbers::Quantity;
+use crate::run::numbers::PixelQuantity;
 use crate::run::palette::Palette;
 use crate::track::velocity::Component;
 use clap::{Args, ValueEnum};
@@ -86,13 +86,13 @@ impl LookArgs {
     ///
     /// # Errors
     /// If options do not go together, or are for pictures alone.
-    pub(super) fn quantity(&self) -> Result<Option<Quantity>, CliError> {
+    pub(super) fn quantity(&self) -> Result<Option<PixelQuantity>, CliError> {
         self.show()?;
         let of_pictures = [("--palette", self.palette.is_some()), ("--light", self.light.is_some())];
         refuse(&of_pictures, "only for pictures; omit it, or write NAME.png")?;
         Ok(match self.show {
-            Some(ShowArg::Depth) => Some(Quantity::Depth),
-            Some(ShowArg::Velocity) => Some(Quantity::Velocity(self.velocity_axis.map(Into::into))),
+            Some(ShowArg::Depth) => Some(PixelQuantity::Depth),
+            Some(ShowArg::Velocity) => Some(PixelQuantity::Velocity(self.velocity_axis.map(Into::into))),
             _ => None,
         })
     }

@@ -8,12 +8,12 @@ use super::data::DataArgs;
 use super::shown::ShownArgs;
 use super::time::TimeArg;
 use super::values::{count, positive};
-use super::{CliError, Common, print_json, stop_flag};
+use super::{CliError, CommonArgs, print_json, stop_flag};
 use crate::data::Camera;
 use crate::files::same_file;
 use crate::log::progress;
 use crate::model::ToKernel;
-use crate::run::frames::{Draw, FrameBackground, Frames, RenderRecord, check_name, film, is_film};
+use crate::run::frames::{DrawFrame, FrameBackground, Frames, RenderRecord, check_name, film, is_film};
 use crate::run::look::{Legend, Look};
 use crate::run::numbers::{self, NumberFormat};
 use crate::run::{AnyRun, OpenRun, TrainedModel};
@@ -68,7 +68,7 @@ pub struct RenderArgs {
     #[command(flatten)]
     shown: ShownArgs,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -177,7 +177,7 @@ impl RenderArgs {
     fn draw<S: TrainedModel>(
         &self,
         run: &OpenRun<S>,
-        draw: &mut Draw<'_>,
+        draw: &mut DrawFrame<'_>,
         views: &[(Camera, f64)],
         record: &RenderRecord,
     ) -> Result<f64, CliError> {

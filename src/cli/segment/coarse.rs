@@ -6,7 +6,7 @@ use super::super::error::refuse;
 use super::super::settings::{SegmentSettings, set_if_given};
 use super::super::time::TimeArg;
 use super::super::values::{count, fraction_f32, positive_f32};
-use super::super::{CliError, Common, print_json};
+use super::super::{CliError, CommonArgs, print_json};
 use crate::config::types::segment::{ColourConfig, ColourSpace};
 use crate::files::LockDuration;
 use crate::run::segments::{RunSegments, SHOWN, sheet, write_picture};
@@ -62,7 +62,7 @@ pub struct CoarseArgs {
     #[command(flatten)]
     data: DataArgs,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 /// The segments found, and what happened to each Gaussian.

@@ -2,7 +2,7 @@
 
 use super::super::settings::{SegmentSettings, set_if_given};
 use super::super::values::{cosine_f32, count, not_negative, positive};
-use super::super::{CliError, Common, print_json, stop_flag};
+use super::super::{CliError, CommonArgs, print_json, stop_flag};
 use crate::config::types::segment::MaskScale;
 use crate::files::LockDuration;
 use crate::log::progress;
@@ -48,7 +48,7 @@ pub struct FineArgs {
     #[command(flatten)]
     settings: SegmentSettings,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl FineArgs {

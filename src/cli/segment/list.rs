@@ -1,8 +1,8 @@
 //! `volseggs segment list`
 
-use super::super::{CliError, Common, print_json};
-use crate::run::materials::{Assigned, SegmentMaterial, materials};
-use crate::run::segments::{RunSegments, Towards};
+use super::super::{CliError, CommonArgs, print_json};
+use crate::run::materials::{AssignedMaterials, SegmentMaterial, materials};
+use crate::run::segments::{HistoryDirection, RunSegments};
 use crate::segment::segmentation::Segment;
 use crate::shell;
 use clap::Args;
@@ -16,7 +16,7 @@ pub struct ListArgs {
     /// Folder of the run.
     run: PathBuf,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 #[derive(Serialize)]
@@ -46,10 +46,11 @@ impl ListArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let run = self.common.open(&self.run)?;
         let segments = RunSegments::open(&run)?;
-        let (all, undo, redo) = (segments.now(), segments.steps(Towards::Undo), segments.steps(Towards::Redo));
+        let (all, undo, redo) =
+            (segments.now(), segments.steps(HistoryDirection::Undo), segments.steps(HistoryDirection::Redo));
         let tree = all.tree();
         let known = run.dataset().map_or_else(|_| Vec::new(), |dataset| materials(&dataset));
-        let assigned = (!known.is_empty() && !tree.is_empty()).then(|| Assigned::new(&run, &known));
+        let assigned = (!known.is_empty() && !tree.is_empty()).then(|| AssignedMaterials::new(&run, &known));
         let material = |segment: &Segment| assigned.as_ref().and_then(|assigned| assigned.most(&segment.members));
         if self.common.json {
             let listed = |(_, segment): (usize, _)| Listed { segment, material: material(segment) };

@@ -5,7 +5,7 @@ use super::super::data::DataArgs;
 use super::super::settings::SegmentSettings;
 use super::super::time::TimeArg;
 use super::super::values::{count, pixels};
-use super::super::{CliError, Common, print_json, stop_flag};
+use super::super::{CliError, CommonArgs, print_json, stop_flag};
 use crate::durations::rough_duration;
 use crate::eval::segments::mask_source_names;
 use crate::files::LockDuration;
@@ -64,7 +64,7 @@ pub struct MasksArgs {
     #[command(flatten)]
     data: DataArgs,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl MasksArgs {

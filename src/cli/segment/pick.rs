@@ -6,13 +6,13 @@ use super::super::error::refuse;
 use super::super::settings::SegmentSettings;
 use super::super::time::TimeArg;
 use super::super::values::{cosine_f32, count, fraction_f32};
-use super::super::{CliError, Common, print_json};
+use super::super::{CliError, CommonArgs, print_json};
 use crate::config::types::segment::LevelsConfig;
 use crate::data::Camera;
 use crate::files::LockDuration;
 use crate::name::Name;
 use crate::run::cameras::check_lens;
-use crate::run::pick::{ClickError, Clicking, Hit, commit};
+use crate::run::pick::{ClickError, ClickHit, Clicking, commit};
 use crate::run::segments::RunSegments;
 use crate::run::{OpenRun, affinity};
 use crate::segment::levels::{Level, LevelKind};
@@ -66,7 +66,7 @@ pub struct PickArgs {
     #[command(flatten)]
     data: DataArgs,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 #[derive(Serialize)]
@@ -209,7 +209,7 @@ impl PickArgs {
         if made.is_some() {
             segments.save()?;
         }
-        let Hit { gaussian, weight, mean, .. } = hit;
+        let ClickHit { gaussian, weight, mean, .. } = hit;
         let known = run.calibration();
         let report = PickReport {
             gaussian,

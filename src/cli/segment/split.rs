@@ -3,7 +3,7 @@
 use super::super::camera::surroundings;
 use super::super::data::DataArgs;
 use super::super::settings::SegmentSettings;
-use super::super::{CliError, Common, print_json};
+use super::super::{CliError, CommonArgs, print_json};
 use crate::files::LockDuration;
 use crate::run::segments::{RunSegments, write_picture};
 use crate::run::split::{SplitOptions, sheet, split};
@@ -31,7 +31,7 @@ pub struct SplitArgs {
     #[command(flatten)]
     data: DataArgs,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl SplitArgs {

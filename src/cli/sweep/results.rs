@@ -13,7 +13,7 @@ use crate::sweep::halving;
 use crate::sweep::key::parts;
 use crate::sweep::local::steps_done;
 use crate::sweep::result::{RunCompletion, live_psnr, metrics_in, metrics_path, progress, read_metrics};
-use crate::sweep::slurm::{Tools, queue};
+use crate::sweep::slurm::{SlurmTools, queue};
 use clap::Args;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -67,7 +67,7 @@ struct RunStatus {
 impl StatusArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (dir, plan) = self.planned.open()?;
-        let tools = Tools::default();
+        let tools = SlurmTools::default();
         let queued = if dir.join("slurm").is_dir() && tools.have("squeue") {
             queue(&tools, &dir, &plan.hash())?
         } else {

@@ -12,7 +12,7 @@ use crate::sweep::builds::{OtherBuilds, tally};
 use crate::sweep::estimate::estimate;
 use crate::sweep::local::{self, LocalOptions};
 use crate::sweep::result::{RunCompletion, failure_path, progress};
-use crate::sweep::slurm::{SlurmJob, SlurmProfile, Tools, queue, submit};
+use crate::sweep::slurm::{SlurmJob, SlurmProfile, SlurmTools, queue, submit};
 use crate::sweep::{Plan, PlanOptions};
 use clap::Args;
 use serde::Serialize;
@@ -221,7 +221,7 @@ impl StartArgs {
         runs: &[usize],
         profile: SlurmProfile,
     ) -> Result<(), CliError> {
-        let tools = Tools::default();
+        let tools = SlurmTools::default();
         let job = SlurmJob { plan: hash.to_owned(), ..SlurmJob::new(dir, profile)? };
         let queued = if tools.have("squeue") { queue(&tools, dir, hash)? } else { Default::default() };
         let open = |i: &usize| progress(plan, *i) == RunCompletion::Open && !queued.contains_key(i);

@@ -4,7 +4,7 @@ use super::{ResultTable, TableRow};
 use crate::compare::metric::{self, Better, MetricColumn};
 use crate::compare::places::distinct;
 use crate::compare::results::PaperTable;
-use crate::compare::stats::{Difference, difference, mean};
+use crate::compare::stats::{MeanDifference, difference, mean};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -45,7 +45,7 @@ pub struct VariantPair {
     /// The verdict of the measurements here.
     pub verdict: Verdict,
     /// The difference measured here, `better` minus `worse`.
-    pub difference: Option<Difference>,
+    pub difference: Option<MeanDifference>,
 }
 
 /// Whether a pair is in the paper's order.
@@ -224,7 +224,7 @@ fn verdict(
     metric: &MetricColumn,
     better: &[(u64, f64)],
     worse: &[(u64, f64)],
-    difference: Option<Difference>,
+    difference: Option<MeanDifference>,
 ) -> Verdict {
     let (Some(difference), Some(high), Some(low)) = (difference, mean_of(better), mean_of(worse)) else {
         return Verdict::Unmeasured;

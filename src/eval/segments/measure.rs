@@ -35,7 +35,7 @@ pub struct PictureScore {
 }
 
 /// What all comparisons share.
-pub struct Judge<'a> {
+pub struct SelectionJudge<'a> {
     /// Device to draw on.
     pub device: &'a Device,
     /// How the scene is drawn.
@@ -48,7 +48,7 @@ pub struct Judge<'a> {
     pub networks: &'a [Lpips],
 }
 
-impl Judge<'_> {
+impl SelectionJudge<'_> {
     /// Draws the `selected` Gaussians at the frame's time and compares them. Also returns the picture, RGB.
     ///
     /// # Errors

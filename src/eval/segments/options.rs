@@ -2,7 +2,7 @@
 //! sweep. Why an evaluation can fail.
 
 use super::method::SelectionMethod;
-use super::target::Union;
+use super::target::TargetUnion;
 use crate::config::types::SegmentConfig;
 use crate::config::types::segment::MaskScale;
 use crate::data::DataError;
@@ -73,7 +73,7 @@ pub struct SegmentEvalOptions {
     /// Several known segments to click and measure as one, in addition to the others; may be repeated.
     #[arg(long = "score", value_name = "NAME=SEGMENT+SEGMENT")]
     #[serde(rename = "score")]
-    pub unions: Vec<Union>,
+    pub unions: Vec<TargetUnion>,
     /// Skip the oracle, which halves the time.
     #[arg(long = "no-oracle", action = ArgAction::SetFalse)]
     pub oracle: bool,

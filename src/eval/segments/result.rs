@@ -151,7 +151,7 @@ pub struct SegmentResult {
 
 /// Means over the segments for which there is a value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Means {
+pub struct SelectionMeans {
     /// IoU in space at the clicked time, percent.
     pub iou_3d: Option<f64>,
     /// Minimum IoU in space of each segment.
@@ -168,7 +168,7 @@ pub struct Means {
     pub lpips: Option<f64>,
 }
 
-impl Means {
+impl SelectionMeans {
     /// Returns the means over some outcomes.
     pub fn mean(outcomes: &[&SelectionOutcome]) -> Self {
         let over = |f: &dyn Fn(&SelectionOutcome) -> Option<f64>| mean(outcomes.iter().filter_map(|o| f(o)));
@@ -191,9 +191,9 @@ pub struct MethodMeans {
     /// The method.
     pub method: SelectionMethod,
     /// With the fixed setting.
-    pub fixed: Means,
+    pub fixed: SelectionMeans,
     /// With the oracle's setting, if it was used.
-    pub oracle: Option<Means>,
+    pub oracle: Option<SelectionMeans>,
 }
 
 /// All results of an evaluation.
@@ -252,8 +252,8 @@ impl SegmentEvaluation {
             let oracle: Vec<&SelectionOutcome> = found.iter().filter_map(|r| r.oracle.as_ref()).collect();
             MethodMeans {
                 method: *method,
-                fixed: Means::mean(&found.iter().map(|r| &r.fixed).collect::<Vec<_>>()),
-                oracle: (self.oracle_tries == TRIES).then(|| Means::mean(&oracle)),
+                fixed: SelectionMeans::mean(&found.iter().map(|r| &r.fixed).collect::<Vec<_>>()),
+                oracle: (self.oracle_tries == TRIES).then(|| SelectionMeans::mean(&oracle)),
             }
         };
         self.means = methods.iter().map(means).collect();

@@ -1,7 +1,7 @@
 //! A complete evaluation: coarse colours, masks, fields and baselines at the chosen time; a click on each known
 //! segment; what each method selects, measured at every time, in space and in pictures.
 
-use super::measure::{FrameScore, Judge};
+use super::measure::{FrameScore, SelectionJudge};
 use super::method::SelectionMethod;
 use super::options::{SegmentEvalError, SegmentEvalOptions};
 use super::oracle;
@@ -111,7 +111,7 @@ pub fn evaluate_segments(
         }
         volumes.push(in_space(truth, &cells, [time, volume_time], &clicked)?);
     }
-    let judge = Judge {
+    let judge = SelectionJudge {
         device: &device,
         rendering: scene.spec.rendering(),
         mask_alpha: options.mask_alpha,
@@ -247,7 +247,7 @@ fn in_space(
 
 /// Returns the scores of each method in each frame, and adds a row of pictures to the sheet.
 fn in_pictures(
-    judge: &Judge<'_>,
+    judge: &SelectionJudge<'_>,
     deformed: &mut ScenesByTime<'_>,
     clicked: &ClickedTarget<'_>,
     time: f64,

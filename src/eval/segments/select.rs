@@ -4,7 +4,7 @@
 use super::click::Click;
 use super::method::SelectionMethod;
 use super::setting::MethodSetting;
-use super::train::{Lifted, TrainedMethods};
+use super::train::{LiftedField, TrainedMethods};
 use crate::config::types::SegmentConfig;
 use crate::model::HostGaussians;
 use crate::segment::baselines::sagd;
@@ -108,7 +108,7 @@ impl Scenery<'_> {
             }
             MethodSetting::Field(options) => {
                 let field = if method == SelectionMethod::CoarseFine { &trained.parts } else { &trained.whole };
-                let Lifted { field, frame, .. } = field.as_ref().ok_or("the affinity field was not trained")?;
+                let LiftedField { field, frame, .. } = field.as_ref().ok_or("the affinity field was not trained")?;
                 let all = || (0..self.at.len() as u32).collect::<Vec<_>>();
                 let on = match method {
                     // as `segment pick` does: in the clicked colour, or in the whole scene if no colour contains what

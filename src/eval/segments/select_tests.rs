@@ -2,7 +2,7 @@
 
 use super::super::oracle;
 use super::super::prompt::ClickPrompt;
-use super::super::train::{Lifted, TrainedMethods};
+use super::super::train::{LiftedField, TrainedMethods};
 use super::super::truth::LabelledTrainingView;
 use super::*;
 use crate::config::types::SegmentConfig;
@@ -34,7 +34,7 @@ fn scene() -> (HostGaussians, TrainedMethods) {
         _ => None,
     });
     let field = || {
-        Some(Lifted {
+        Some(LiftedField {
             field: AffinityField::new(4, &device),
             frame: PositionBox::around(&at.means),
             spreads: Vec::new(),

@@ -2,7 +2,7 @@
 //! Selections with fixed settings come first, and scores in space before those in pictures.
 
 use super::method::SelectionMethod;
-use super::result::{Means, SegmentEvaluation, SegmentResult, SelectionOutcome, TimeRow};
+use super::result::{SegmentEvaluation, SegmentResult, SelectionMeans, SelectionOutcome, TimeRow};
 use crate::draw::plot::{PlotSeries, line_plot};
 use crate::draw::views::view_sheet;
 use crate::export::images::encode_png;
@@ -29,7 +29,7 @@ pub fn markdown(evaluation: &SegmentEvaluation) -> String {
     );
     // writing to a String cannot fail
     for r in &evaluation.results {
-        let of = |o: &SelectionOutcome| Means::mean(&[o]);
+        let of = |o: &SelectionOutcome| SelectionMeans::mean(&[o]);
         let training = evaluation.training_seconds.get(r.method.name()).copied().filter(|t| *t > 0.0);
         let cells = cells(&of(&r.fixed), r.oracle.as_ref().map(of).as_ref().filter(|_| asked));
         let (training, click) = (cell(training, 1), cell(Some(r.fixed.click_seconds), 2));
@@ -42,8 +42,8 @@ pub fn markdown(evaluation: &SegmentEvaluation) -> String {
     out + "\n" + &note(evaluation)
 }
 
-fn cells(fixed: &Means, oracle: Option<&Means>) -> String {
-    let overlaps = |m: &Means| [m.iou_3d, m.least_iou_3d, m.iou, m.least_iou].map(|v| cell(v, 2));
+fn cells(fixed: &SelectionMeans, oracle: Option<&SelectionMeans>) -> String {
+    let overlaps = |m: &SelectionMeans| [m.iou_3d, m.least_iou_3d, m.iou, m.least_iou].map(|v| cell(v, 2));
     let mut all = overlaps(fixed).to_vec();
     all.extend([cell(fixed.psnr, 2), cell(fixed.ssim, 3), cell(fixed.lpips, 3)]);
     all.extend(oracle.into_iter().flat_map(overlaps));

@@ -23,14 +23,14 @@ use crate::segment::masks::MaskReader;
 use crate::segment::masks::handout::write_pictures;
 use crate::segment::masks::make::{MakeError, MaskJob, MaskShot, make_masks};
 use crate::segment::masks::registry::{ChosenSource, SourceInput, SourceViews};
-use crate::segment::masks::source::{Group, MaskInput, MaskSource, ScoredMask, SourceError};
+use crate::segment::masks::source::{MaskGroup, MaskInput, MaskSource, ScoredMask, SourceError};
 use burn::tensor::Device;
 use std::collections::HashMap;
 use std::path::Path;
 use std::time::Instant;
 
 /// A field of features, lifted from masks.
-pub struct Lifted {
+pub struct LiftedField {
     /// The field.
     pub field: AffinityField,
     /// The box of its positions.
@@ -44,9 +44,9 @@ pub struct TrainedMethods {
     /// Gaussians by colour: first as `segment coarse` finds them, then at the settings that the oracle tries.
     pub colours: Vec<(Colouring, Coarse)>,
     /// Field trained on masks of each colour alone.
-    pub parts: Option<Lifted>,
+    pub parts: Option<LiftedField>,
     /// Field trained on masks of the whole scene.
-    pub whole: Option<Lifted>,
+    pub whole: Option<LiftedField>,
     /// SAGA's features.
     pub saga: Option<SagaModel>,
     /// SAGD's masks.
@@ -184,12 +184,12 @@ impl Trainers<'_> {
 
     /// Returns the groups to draw alone: each colour, if `coarse+fine` is requested, and the whole scene, if another
     /// method that needs masks is.
-    fn groups(&self, coarse: &Coarse) -> (Vec<Group>, Vec<Group>) {
-        let by_colour = coarse.groups().map(|(name, _, members)| Group { name, members });
+    fn groups(&self, coarse: &Coarse) -> (Vec<MaskGroup>, Vec<MaskGroup>) {
+        let by_colour = coarse.groups().map(|(name, _, members)| MaskGroup { name, members });
         let parts = if self.wants(SelectionMethod::CoarseFine) { by_colour.collect() } else { Vec::new() };
         let whole =
             [SelectionMethod::Fine, SelectionMethod::Saga, SelectionMethod::Sagd].into_iter().any(|m| self.wants(m));
-        let all = || Group { name: SCENE.into(), members: (0..self.at.len() as u32).collect() };
+        let all = || MaskGroup { name: SCENE.into(), members: (0..self.at.len() as u32).collect() };
         (parts, whole.then(all).into_iter().collect())
     }
 
@@ -209,7 +209,7 @@ impl Trainers<'_> {
         Ok(MaskShot::numbered(cameras))
     }
 
-    fn job<'b>(&'b self, groups: &'b [Group], shots: &'b [MaskShot], time: f64) -> MaskJob<'b> {
+    fn job<'b>(&'b self, groups: &'b [MaskGroup], shots: &'b [MaskShot], time: f64) -> MaskJob<'b> {
         let (rendering, config) = (self.scene.spec.rendering(), &self.config.masks);
         MaskJob { at: self.at, groups, shots, time, rendering, config, device: self.device }
     }
@@ -218,7 +218,7 @@ impl Trainers<'_> {
     fn fine_views(
         &self,
         masks: &MaskReader,
-        groups: &[Group],
+        groups: &[MaskGroup],
         frame: &PositionBox,
     ) -> Result<(Vec<FineView>, Vec<f32>), String> {
         let members: Vec<Vec<u32>> = groups.iter().map(|g| g.members.clone()).collect();
@@ -234,14 +234,14 @@ impl Trainers<'_> {
         frame: PositionBox,
         name: &str,
         say: &mut impl FnMut(&str),
-    ) -> Result<Lifted, SegmentEvalError> {
+    ) -> Result<LiftedField, SegmentEvalError> {
         let (config, seed) = (&self.config.affinity, self.options.seed);
         say(&format!("{name}: {} steps", config.steps));
         let field = fine::train(views, config, seed, self.device, |_, _| true).map_err(|e| match e {
             FineError::NoMasks => SegmentEvalError::Input(e.to_string()),
             e => SegmentEvalError::Failed(e.to_string()),
         })?;
-        Ok(Lifted { field, frame, spreads: spreads.clone() })
+        Ok(LiftedField { field, frame, spreads: spreads.clone() })
     }
 }
 
@@ -252,7 +252,7 @@ struct Masker<'a> {
     time: f64,
     work: &'a Path,
     /// All groups that may have masks.
-    all: Vec<Group>,
+    all: Vec<MaskGroup>,
 }
 
 impl Masker<'_> {

@@ -4,7 +4,7 @@ mod output;
 mod refit;
 mod units;
 
-pub use output::{ExportRecord, Output};
+pub use output::{ExportOutput, ExportRecord};
 pub use refit::{MEASURED, Refit, RefitPlan};
 pub use units::ExportUnits;
 
@@ -64,7 +64,7 @@ pub fn write_splats(
     run: &OpenRun,
     shown: &Selection,
     times: &[f64],
-    output: &Output,
+    output: &ExportOutput,
     plan: &SplatPlan,
     mut goes_on: impl FnMut() -> bool,
 ) -> Result<Option<WrittenExport>, RunError> {

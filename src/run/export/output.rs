@@ -67,13 +67,13 @@ impl<'a> ExportRecord<'a> {
 
 /// The destination of the files. A folder appears once all of them are in it.
 #[derive(Debug)]
-pub struct Output {
+pub struct ExportOutput {
     path: PathBuf,
     extension: &'static str,
     folder: Option<AtomicDir>,
 }
 
-impl Output {
+impl ExportOutput {
     /// Creates the destination for the single file `path`.
     ///
     /// # Errors
@@ -99,7 +99,7 @@ impl Output {
     /// Creates the destination `path`: a folder if there are `many` files.
     ///
     /// # Errors
-    /// As for [`Output::file`] and [`Output::folder`].
+    /// As for [`ExportOutput::file`] and [`ExportOutput::folder`].
     pub fn new(path: &Path, extension: &'static str, many: bool, needed: &[&Path]) -> Result<Self, RunError> {
         if many { Self::folder(path, extension, needed) } else { Self::file(path, extension, needed) }
     }
@@ -108,7 +108,7 @@ impl Output {
     /// `frames` if there are `many` files.
     ///
     /// # Errors
-    /// As for [`Output::file`] and [`Output::folder`], or if the folder cannot be created.
+    /// As for [`ExportOutput::file`] and [`ExportOutput::folder`], or if the folder cannot be created.
     pub fn within(
         folder: &Path,
         name: &str,

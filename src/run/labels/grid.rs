@@ -10,7 +10,7 @@ use crate::prepare::PrepareRecord;
 use crate::volume::formats;
 use crate::volume::grid::Grid;
 use crate::volume::placement::{VoxelPlacement, published_side};
-use crate::volume::source::{Physical, VOXELS, VolumeHeader};
+use crate::volume::source::{PhysicalMetadata, VOXELS, VolumeHeader};
 use glam::{DMat3, DQuat, DVec3};
 use std::path::Path;
 
@@ -80,19 +80,19 @@ impl LabelGrid {
     }
 
     /// The voxels of a placed grid.
-    fn placed(placement: &VoxelPlacement, file: Grid, physical: Physical, is_source: bool) -> Self {
+    fn placed(placement: &VoxelPlacement, file: Grid, physical: PhysicalMetadata, is_source: bool) -> Self {
         let scene = over_box((-placement.half).to_array(), placement.half.to_array(), file.dims);
-        let Physical { axes, length_unit: unit, .. } = physical;
+        let PhysicalMetadata { axes, length_unit: unit, .. } = physical;
         Self { scene, file, axes, unit, is_source, turn: placement.turn() }
     }
 
     /// The voxels `file`, which are `grid` in the space of the scene.
-    fn within(space: &PhysicalSpace, file: Grid, grid: &Grid, physical: Physical) -> Self {
+    fn within(space: &PhysicalSpace, file: Grid, grid: &Grid, physical: PhysicalMetadata) -> Self {
         let turn = grid.directions.turn();
         let origin = DVec3::from_array(space.to_scene(grid.origin));
         let origin = turn.map_or(origin, |turn| turn.transpose() * origin);
         let scene = Grid::aligned(grid.dims, grid.spacing.map(|s| s / space.scale), origin.to_array());
-        let Physical { axes, length_unit: unit, .. } = physical;
+        let PhysicalMetadata { axes, length_unit: unit, .. } = physical;
         Self { scene, file, axes, unit, is_source: false, turn }
     }
 }
@@ -152,12 +152,12 @@ pub(in crate::run) fn choose(
 }
 
 /// What the grid of a dataset is in.
-fn physical(record: &PrepareRecord) -> Physical {
+fn physical(record: &PrepareRecord) -> PhysicalMetadata {
     let space = record.calibration.space.as_ref();
-    Physical {
+    PhysicalMetadata {
         length_unit: space.and_then(|s| s.unit.clone()),
         axes: space.and_then(|s| s.axes),
-        ..Physical::default()
+        ..PhysicalMetadata::default()
     }
 }
 
@@ -248,7 +248,7 @@ fn prepared(record: &PrepareRecord, dims: Option<[usize; 3]>) -> LabelGrid {
         None => [DVec3::ZERO, DVec3::from_array(source.dims.map(|n| (n - 1) as f64))].map(|end| source.position(end)),
         Some(_) => [min, max].map(|corner| placement.centre + placement.scale * corner),
     };
-    let Physical { axes, length_unit: unit, .. } = physical(record);
+    let PhysicalMetadata { axes, length_unit: unit, .. } = physical(record);
     LabelGrid { scene, file: over_box(low.to_array(), high.to_array(), dims), axes, unit, is_source: false, turn: None }
 }
 

@@ -9,7 +9,7 @@ use AxisConvention::{LeftPosteriorSuperior as Lps, RightAnteriorSuperior as Ras}
 /// What `prepare` records of a grid.
 fn recorded(grid: Grid, axes: Option<AxisConvention>) -> PrepareRecord {
     let placement = VoxelPlacement::new(&grid, 1.5);
-    let stated = Physical { length_unit: Some("mm".into()), axes, time: None };
+    let stated = PhysicalMetadata { length_unit: Some("mm".into()), axes, time: None };
     let json = serde_json::json!({
         "version": "", "source": "", "transfer_function": "", "span": [0, 1], "dims": grid.dims,
         "spacing": grid.spacing, "origin": grid.origin, "directions": grid.directions, "side": 1.5,
@@ -21,7 +21,7 @@ fn recorded(grid: Grid, axes: Option<AxisConvention>) -> PrepareRecord {
 }
 
 fn header(grid: Grid, axes: Option<AxisConvention>) -> VolumeHeader {
-    let physical = Physical { axes, ..Physical::default() };
+    let physical = PhysicalMetadata { axes, ..PhysicalMetadata::default() };
     VolumeHeader { grid, scalar: ScalarType::U8, steps: 1, physical, notes: Vec::new() }
 }
 
@@ -119,7 +119,7 @@ fn a_volume_of_the_same_space_gives_its_voxels_and_one_from_elsewhere_is_refused
     // the other convention puts the same numbers elsewhere
     assert!(like(GRID, Some(Lps)).unwrap_err().contains("outside"));
     let metres = VolumeHeader {
-        physical: Physical { length_unit: Some("m".into()), ..Physical::default() },
+        physical: PhysicalMetadata { length_unit: Some("m".into()), ..PhysicalMetadata::default() },
         ..header(GRID, None)
     };
     assert!(alike(metres, Some(&record), &mut Vec::new()).unwrap_err().contains("mm"));

@@ -7,7 +7,7 @@ pub(super) mod grid;
 mod truth;
 
 pub use grid::LabelGrid;
-pub use truth::{Agreement, LabelTruth, Score};
+pub use truth::{Agreement, LabelScore, LabelTruth};
 
 use super::selection::Selection;
 use super::{OpenRun, RunError};

@@ -5,7 +5,7 @@ use super::super::RunError;
 use super::grid::LabelGrid;
 use crate::data::truth::SegmentFile;
 use crate::prepare::PrepareRecord;
-use crate::segment::dice::{Confusion, Match, mean_dice};
+use crate::segment::dice::{Confusion, LabelMatch, mean_dice};
 use crate::versioned;
 use crate::volume::series::{Series, SeriesOptions};
 use crate::volume::synthetic::Synthetic;
@@ -35,12 +35,12 @@ pub struct Agreement {
     /// The same, where several segments together may match a true label.
     pub mean_dice_of_sets: Option<f64>,
     /// One entry per true label.
-    pub segments: Vec<Score>,
+    pub segments: Vec<LabelScore>,
 }
 
 /// A true label and the segments matched with it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Score {
+pub struct LabelScore {
     /// Name of the true label.
     pub truth: String,
     /// The segment matched with it in the assignment with the highest sum of Dice scores; `None` if all are taken.
@@ -156,11 +156,11 @@ impl LabelTruth {
 
     /// Matches the true labels with the segments `names`, labelled from 1.
     pub fn agreement(&self, pairs: &Confusion, names: &[String]) -> Agreement {
-        let segments = |m: &Match| -> Vec<String> {
+        let segments = |m: &LabelMatch| -> Vec<String> {
             m.predicted.iter().filter_map(|p| names.get((*p as usize).checked_sub(1)?)).cloned().collect()
         };
         let (ones, sets) = (pairs.match_one_to_one(), pairs.match_sets());
-        let score = |(one, set): (&Match, &Match)| Score {
+        let score = |(one, set): (&LabelMatch, &LabelMatch)| LabelScore {
             truth: self.name(one.truth),
             segment: segments(one).pop(),
             dice: one.overlap.dice(),

@@ -2,7 +2,7 @@
 
 use super::board::Reporter;
 use crate::export::exporters::{Exporter, LabelWriter};
-use crate::run::export::{ExportRecord, Output, SplatPlan, write_labels, write_splats};
+use crate::run::export::{ExportOutput, ExportRecord, SplatPlan, write_labels, write_splats};
 use crate::run::labels::{LabelPlan, RunLabels};
 use crate::run::selection::Selection;
 use crate::run::{OpenRun, RunError};
@@ -72,8 +72,8 @@ impl Export<'_> {
         Ok(Some(message))
     }
 
-    fn place(&self, folder: &Path, name: &str) -> Result<Output, RunError> {
-        Output::within(folder, name, self.format.extension, self.many, &[])
+    fn place(&self, folder: &Path, name: &str) -> Result<ExportOutput, RunError> {
+        ExportOutput::within(folder, name, self.format.extension, self.many, &[])
     }
 
     fn record<'a>(&'a self, run: &'a OpenRun, segments: &'a [String]) -> ExportRecord<'a> {

@@ -10,13 +10,13 @@ use super::client::Client;
 use super::compare::Side;
 use super::hub::{ClientEvent, ClientId, Hub};
 use super::jobs::Jobs;
-use super::live::Wish;
-use super::others::Other;
+use super::live::TrainerRequest;
+use super::others::ComparedRun;
 use super::pace::NextDrawing;
 use super::protocol::Answer;
 use super::share::ThreadShare;
 use super::tracks::Tracks;
-use super::training::Watch;
+use super::training::LogWatch;
 use super::workspace::Workspace;
 use crate::shell;
 use std::collections::BTreeMap;
@@ -38,7 +38,7 @@ type Refused = (Option<u32>, String);
 pub struct Renderer {
     space: Workspace,
     /// Runs that it is compared with.
-    others: Vec<Other>,
+    others: Vec<ComparedRun>,
     cache: Cache,
     clients: BTreeMap<ClientId, Client>,
     /// The client that was drawn for last.
@@ -46,7 +46,7 @@ pub struct Renderer {
     jobs: Jobs,
     tracks: Tracks,
     background: BackgroundChanges,
-    watch: Watch,
+    watch: LogWatch,
     /// What was announced to clients about the scene: its step, and whether there is an affinity field.
     announced: (Option<usize>, bool),
     hub: Arc<Hub>,
@@ -63,7 +63,7 @@ pub struct Renderer {
 impl Renderer {
     /// Makes the thread's state, which draws `space` for the clients of `hub`, and beside it one of the `others` if
     /// they compare. Deformed Gaussians are cached, up to `cache` bytes for all together.
-    pub fn new(space: Workspace, others: Vec<Other>, cache: usize, hub: Arc<Hub>) -> Self {
+    pub fn new(space: Workspace, others: Vec<ComparedRun>, cache: usize, hub: Arc<Hub>) -> Self {
         let now = Instant::now();
         Self {
             others,
@@ -73,7 +73,7 @@ impl Renderer {
             jobs: Jobs::new(hub.clone()),
             tracks: Tracks::new(hub.clone()),
             background: BackgroundChanges::new(hub.clone()),
-            watch: Watch::default(),
+            watch: LogWatch::default(),
             announced: (space.shown.run.step(), space.shown.field.is_some()),
             hub,
             // without a thread of its own, drawing is not limited
@@ -134,9 +134,9 @@ impl Renderer {
         let all_shown = looking().all(|client| client.failed || client.pace.is_done());
         let long_ago = self.changed.elapsed() > MAX_AGE_MOVING && looking().any(|client| client.pace.keeps_up());
         live.wish(match looking().next() {
-            None => Wish::Nothing,
-            Some(_) if all_shown || long_ago => Wish::Now,
-            Some(_) => Wish::AtRest,
+            None => TrainerRequest::Nothing,
+            Some(_) if all_shown || long_ago => TrainerRequest::Now,
+            Some(_) => TrainerRequest::AtRest,
         });
     }
 

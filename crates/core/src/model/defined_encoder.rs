@@ -131,9 +131,9 @@ fn define(
 const RELATIVE_TIME: f64 = 1.6;
 
 /// Makes [`DefinedEncoder`]s of one definition.
-pub struct Defined(pub &'static dyn EncoderDefinition);
+pub struct DefinedEncoderFactory(pub &'static dyn EncoderDefinition);
 
-impl EncoderFactory for Defined {
+impl EncoderFactory for DefinedEncoderFactory {
     fn check(&self, config: &ModelConfig) -> Result<(), String> {
         define(self.0, config, 0).map(|_| ()).map_err(|e| e.to_string())
     }
@@ -187,7 +187,7 @@ mod tests {
     }
 
     fn insert(name: &str, encoder: Linear) {
-        ENCODERS.insert(name, Box::new(Defined(Box::leak(Box::new(encoder)))));
+        ENCODERS.insert(name, Box::new(DefinedEncoderFactory(Box::leak(Box::new(encoder)))));
     }
 
     fn config(name: &str) -> ModelConfig {

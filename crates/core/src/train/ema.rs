@@ -5,7 +5,7 @@
 //! them.
 
 use super::densify::{RowSource, apply};
-use crate::model::params::{self, HostTensor, Path};
+use crate::model::params::{self, HostTensor, ParameterPath};
 use crate::model::{Gaussians, Scene};
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::Tensor;
@@ -62,7 +62,7 @@ impl Ema {
         let updates = (updates + 1).min(WARMUP_DIVISOR * self.window.div_ceil(EVERY));
         let weight = 1.0 / updates.div_ceil(WARMUP_DIVISOR) as f32;
         let spec = trained.spec.clone();
-        let mut blend = Blend { path: Path::default(), values: handles(&trained), weight };
+        let mut blend = Blend { path: ParameterPath::default(), values: handles(&trained), weight };
         drop(trained);
         let mean = Module::map(mean, &mut blend);
         self.mean = Some((Scene { spec, ..mean }, updates));
@@ -120,7 +120,7 @@ impl Ema {
 /// Returns the parameters of a scene by name, flat.
 fn handles(scene: &Scene) -> BTreeMap<String, Tensor<1>> {
     struct Handles {
-        path: Path,
+        path: ParameterPath,
         out: BTreeMap<String, Tensor<1>>,
     }
     impl ModuleVisitor for Handles {
@@ -136,14 +136,14 @@ fn handles(scene: &Scene) -> BTreeMap<String, Tensor<1>> {
             self.out.insert(self.path.name(), value.reshape([count]));
         }
     }
-    let mut handles = Handles { path: Path::default(), out: BTreeMap::new() };
+    let mut handles = Handles { path: ParameterPath::default(), out: BTreeMap::new() };
     scene.visit(&mut handles);
     handles.out
 }
 
 /// Moves each parameter towards the value of the same name.
 struct Blend {
-    path: Path,
+    path: ParameterPath,
     values: BTreeMap<String, Tensor<1>>,
     weight: f32,
 }

@@ -1,7 +1,7 @@
 //! Adam over a module's parameters by name, with moments that can follow Gaussians as they are added and removed.
 
 use super::{InPlace, TrainError};
-use crate::model::params::{HostTensor, Path, to_vec};
+use crate::model::params::{HostTensor, ParameterPath, to_vec};
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use std::collections::BTreeMap;
@@ -66,7 +66,7 @@ impl Optimizer {
         gradients: &mut Gradients,
         rate: impl Fn(&str) -> Option<f64>,
     ) -> (M, Option<NotFinite>) {
-        let mut stepper = Stepper { path: Path::default(), optimizer: self, gradients, rate, bad: None };
+        let mut stepper = Stepper { path: ParameterPath::default(), optimizer: self, gradients, rate, bad: None };
         let module = module.map(&mut stepper);
         (module, stepper.bad)
     }
@@ -154,7 +154,7 @@ impl Optimizer {
 const HALF: f32 = 16_777_216.0;
 
 struct Stepper<'a, F> {
-    path: Path,
+    path: ParameterPath,
     optimizer: &'a mut Optimizer,
     gradients: &'a mut Gradients,
     rate: F,

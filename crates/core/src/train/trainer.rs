@@ -4,7 +4,7 @@ use super::budget::{ViewSizes, check_memory, scene_sizes};
 use super::check::{Background, check, check_device, evaluation_background, parse_background};
 use super::culling::Culling;
 use super::densify;
-use super::due::{Changes, Due, PendingDensification, sorts_after};
+use super::due::{Changes, DueChanges, PendingDensification, sorts_after};
 use super::ema::Ema;
 use super::gather::{GatheredStatistics, ViewContribution};
 use super::losses::{LossInput, LossTerms, photometric};
@@ -213,7 +213,7 @@ impl Trainer {
     fn apply_pending(&mut self) {
         let Some(changes) = self.pending.take(self.step, &self.config, self.initial) else { return };
         let Changes { step, due, sort } = changes;
-        if due != Due::default() {
+        if due != DueChanges::default() {
             self.densify(step, due);
         }
         if sort {
@@ -297,7 +297,7 @@ impl Trainer {
     }
 
     /// Adds, removes and resets what was due after `step`.
-    fn densify(&mut self, step: usize, due: Due) {
+    fn densify(&mut self, step: usize, due: DueChanges) {
         let host = self.scene.gaussians.to_host();
         let statistics = self.statistics.to_host();
         let HostGaussians { opacity_logits, log_scales, .. } = &host;

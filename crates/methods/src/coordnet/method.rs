@@ -5,7 +5,7 @@ use super::settings::CoordNetConfig;
 use crate::network::{Network, StepInput};
 use crate::pixels::PixelEpochs;
 use crate::sphere::ViewSphere;
-use crate::{Work, ignored};
+use crate::{MethodWork, ignored};
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::DVec3;
@@ -66,11 +66,11 @@ impl Network for CoordNet {
         config.section::<CoordNetConfig>().map_or(0, |settings| settings.steps)
     }
 
-    fn work(&self, config: &Config) -> Option<Work> {
+    fn work(&self, config: &Config) -> Option<MethodWork> {
         let settings = &config.section::<CoordNetConfig>().ok()?;
         let weights = parameters(settings) as f64;
         let bytes = 20.0 * weights + 12.0 * settings.batch as f64 * values_per_pixel(settings) as f64;
-        Some(Work::Network { step: settings.batch as f64 * weights, pixel: weights, bytes })
+        Some(MethodWork::Network { step: settings.batch as f64 * weights, pixel: weights, bytes })
     }
 
     fn spec(&self, config: &Config, dataset: &Dataset) -> CoordNetSpec {

@@ -3,7 +3,7 @@
 use super::model::Scene4d;
 use super::settings::FourDgsConfig;
 use super::training::FourDgsTraining;
-use crate::{GaussianWork, Method, Model, Training, Work, ignored};
+use crate::{GaussianWork, Method, MethodWork, Model, Training, ignored};
 use burn::tensor::Device;
 use std::path::Path;
 use volseggs_core::config::sections::ConfigSection;
@@ -53,11 +53,11 @@ impl Method for FourDgs {
         config.stages.warmup_steps
     }
 
-    fn work(&self, config: &Config) -> Option<Work> {
+    fn work(&self, config: &Config) -> Option<MethodWork> {
         let settings = config.section::<FourDgsConfig>().ok()?;
         let kept = settings.kept_values(config.model.sh_degree) as f64;
         // it has no other stage, and its Gaussians cost as much as those with a field
-        Some(Work::Gaussians(GaussianWork { field: 1.0, products: 0.0, kept, in_warmup: true }))
+        Some(MethodWork::Gaussians(GaussianWork { field: 1.0, products: 0.0, kept, in_warmup: true }))
     }
 
     fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {

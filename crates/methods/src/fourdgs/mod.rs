@@ -39,6 +39,6 @@ pub use gaussians::{ColourSeries, Gaussians4d};
 pub use harmonics::harmonics_at;
 pub use method::FourDgs;
 pub(super) use method::NAME;
-pub use moment::Moment;
+pub use moment::ConditionalGaussians;
 pub use rotation::rotation_matrices;
 pub use settings::FourDgsConfig;

@@ -17,7 +17,7 @@ use volseggs_core::train::budget::{ViewSizes, check_memory};
 use volseggs_core::train::check::{Background, check_device, parse_background};
 use volseggs_core::train::checkpoint::CheckpointError;
 use volseggs_core::train::densify::{self, RowSource, Statistics};
-use volseggs_core::train::due::{Changes, Due, PendingDensification, sorts_after};
+use volseggs_core::train::due::{Changes, DueChanges, PendingDensification, sorts_after};
 use volseggs_core::train::gather::{GatheredStatistics, ViewContribution};
 use volseggs_core::train::optimizer::{AdamConstants, Optimizer};
 use volseggs_core::train::schedule::{self, Stage};
@@ -183,7 +183,7 @@ impl FourDgsTraining {
     fn apply_pending(&mut self) {
         let Some(changes) = self.pending.take(self.step, &self.config, self.initial) else { return };
         let Changes { step, due, sort } = changes;
-        if due != Due::default() {
+        if due != DueChanges::default() {
             self.densify(step, due);
         }
         if sort {
@@ -192,7 +192,7 @@ impl FourDgsTraining {
     }
 
     /// Adds, removes and resets what was due after `step`.
-    fn densify(&mut self, step: usize, due: Due) {
+    fn densify(&mut self, step: usize, due: DueChanges) {
         let host = self.scene.parameters();
         let values = |name: &str| host.get(name).map_or(&[][..], |t| &t.values);
         let in_space = values("gaussians.log_scales").chunks_exact(4).flat_map(|s| &s[..3]).copied();

@@ -7,7 +7,7 @@
 //! connected to it are told by their edge, see `surface_layers`.
 
 use super::contacts::Contacts;
-use super::pieces::{Touch, pieces};
+use super::pieces::{TouchRule, pieces};
 use super::samples::{GaussianSample, Large, large};
 use super::surface_layers;
 use crate::config::types::SegmentConfig;
@@ -135,7 +135,7 @@ fn join_pieces(
     fixed: &[bool],
     config: &SegmentConfig,
 ) -> Result<(), PointsError> {
-    let pieces = Pieces::of(at, shown, labels, (opacity, fixed), Touch::seen(&config.pieces))?;
+    let pieces = Pieces::of(at, shown, labels, (opacity, fixed), TouchRule::seen(&config.pieces))?;
     let config = &config.layers;
     let contacts = pieces.contacts(contacts, opacity);
     let touching = |from: usize, to: usize| contacts.get(&(from, to)).map_or(0.0, |w| w / pieces.weights[from]);
@@ -219,7 +219,7 @@ impl Pieces {
         shown: &[u32],
         materials: &[u32],
         (opacity, fixed): (&[f64], &[bool]),
-        touch: Touch,
+        touch: TouchRule,
     ) -> Result<Self, PointsError> {
         let mut out = Self {
             labels: vec![None; shown.len()],

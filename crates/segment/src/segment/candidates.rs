@@ -7,7 +7,7 @@ use super::fine::network::PositionBox;
 use super::necks;
 use super::objects::objects;
 use super::pick::PickError;
-use super::pieces::{Touch, pieces};
+use super::pieces::{TouchRule, pieces};
 use crate::config::types::SegmentConfig;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
@@ -184,7 +184,7 @@ impl<'a> ClickCandidates<'a> {
         if let Some(pieces) = self.found.pieces.get() {
             return Ok(pieces);
         }
-        let pieces = pieces(self.at, self.within, Touch::seen(&self.config.pieces))?;
+        let pieces = pieces(self.at, self.within, TouchRule::seen(&self.config.pieces))?;
         Ok(self.found.pieces.get_or_init(|| pieces))
     }
 
@@ -198,7 +198,7 @@ impl<'a> ClickCandidates<'a> {
         let around = &self.around;
         if around.objects.get().is_none() && around.pieces.get().is_none() {
             let all: Vec<u32> = (0..self.at.len() as u32).collect();
-            let _ = around.pieces.set(pieces(self.at, &all, Touch::seen(&self.config.pieces))?);
+            let _ = around.pieces.set(pieces(self.at, &all, TouchRule::seen(&self.config.pieces))?);
         }
         let labels = around.objects.get().or_else(|| around.pieces.get().map(|pieces| &pieces.labels));
         let labels = labels.map_or(&[][..], Vec::as_slice);

@@ -6,7 +6,7 @@ use super::colour::{fibonacci_sphere, lab_to_rgb, mean_colour, rgb_to_lab_all};
 use super::material::{Materials, materials};
 use super::material_groups::group;
 use super::palette::{PaletteEntry, name_colours, name_materials};
-use super::pieces::{Touch, pieces};
+use super::pieces::{TouchRule, pieces};
 use crate::config::types::SegmentConfig;
 use crate::config::types::segment::ColourSpace;
 use crate::model::{HostGaussians, OtherTimes, Scene};
@@ -131,7 +131,7 @@ pub fn coarse(
                 continue;
             }
             // thin objects have few neighbours but are connected
-            let found = pieces(gaussians, &members, Touch::all(&config.pieces))?;
+            let found = pieces(gaussians, &members, TouchRule::all(&config.pieces))?;
             let with_others = |n: usize| {
                 let large = |p: u32| found.counts[p as usize] > outliers.min_neighbours;
                 options.threads && found.labels[n].checked_sub(1).is_some_and(large)

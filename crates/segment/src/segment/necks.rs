@@ -13,7 +13,7 @@ use super::place::density::solid;
 use super::place::{Cloud, PlaceError};
 use crate::config::types::segment::NecksConfig;
 use crate::model::HostGaussians;
-use crate::points::flood::{Mode, flood};
+use crate::points::flood::{DensityPeak, flood};
 use crate::points::neighbours::NeighbourGrid;
 use crate::volume::grid::Grid;
 use rayon::prelude::*;
@@ -49,7 +49,7 @@ pub fn parts(body: &HostGaussians, config: &NecksConfig) -> Result<Vec<u32>, Pla
         }
     };
     let large = |low: f32, top: f32| low >= config.min_depth && low >= config.min_relative_depth * top;
-    let parted = |low: &Mode, top: &Mode, c: usize| {
+    let parted = |low: &DensityPeak, top: &DensityPeak, c: usize| {
         let (low, top) = (depth[low.summit], depth[top.summit]);
         large(low, top) && depth[c] < config.neck * low
     };

@@ -9,7 +9,7 @@
 //! in their sizes: beside shells of many thousand Gaussians there may be cores of a few hundred. Small pieces of a
 //! material are judged with its large ones, as they are mostly their fragments: see the results of 2026-11-28.
 
-use super::pieces::{Touch, pieces};
+use super::pieces::{TouchRule, pieces};
 use crate::config::types::SegmentConfig;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
@@ -40,7 +40,7 @@ pub(super) fn large(
     material: u32,
     config: &SegmentConfig,
 ) -> Result<Option<Large>, PointsError> {
-    let (touch, config) = (Touch::seen(&config.pieces), &config.layers);
+    let (touch, config) = (TouchRule::seen(&config.pieces), &config.layers);
     let rows: Vec<usize> = (0..shown.len()).filter(|&n| labels[n] == material).collect();
     let found = pieces(at, &rows.iter().map(|&n| shown[n]).collect::<Vec<u32>>(), touch)?;
     let sizes = found.counts.into_iter().map(f64::from);

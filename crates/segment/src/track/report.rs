@@ -1,8 +1,8 @@
 //! The folder of a tracked segment: tables, plots, and pictures of it alone. Pictures are added one at a time, as the
 //! caller draws them, and written at once; nothing is there before [`ReportFolder::finish`].
 
-use super::follow::Followup;
-use super::statistics::{SegmentStatistics, Status};
+use super::follow::TrackedSegment;
+use super::statistics::{RowStatus, SegmentStatistics};
 use super::tables::{Unit, columns_csv, events_csv, statistics_csv, to_json, tracks_csv};
 use crate::data::Calibration;
 use crate::draw::plot::{PlotSeries, line_plot};
@@ -130,7 +130,7 @@ impl ReportFolder {
     ///
     /// # Errors
     /// [`TrackReportError`]; an earlier folder then stays.
-    pub fn finish(self, found: &mut Followup, calibration: &Calibration) -> Result<(), TrackReportError> {
+    pub fn finish(self, found: &mut TrackedSegment, calibration: &Calibration) -> Result<(), TrackReportError> {
         for (row, (area, share)) in found.statistics.iter_mut().zip(&self.areas) {
             (row.projected_area, row.projected_share) = (Some(*area), Some(*share));
         }
@@ -172,9 +172,9 @@ fn time(row: &SegmentStatistics) -> f64 {
 
 /// Plots how much of the segment there is, each measure as a fraction of its largest value, which the legend states.
 /// Times at which it is lost are gaps.
-fn over_time(found: &Followup, calibration: &Calibration) -> String {
+fn over_time(found: &TrackedSegment, calibration: &Calibration) -> String {
     let share = |name: &str, unit: &str, value: &dyn Fn(&SegmentStatistics) -> f64| {
-        let known = |s: &SegmentStatistics| if s.status == Status::Lost { f64::NAN } else { value(s) };
+        let known = |s: &SegmentStatistics| if s.status == RowStatus::Lost { f64::NAN } else { value(s) };
         let largest = found.statistics.iter().map(known).filter(|v| v.is_finite()).fold(0.0, f64::max);
         let points = found.statistics.iter().map(|s| (time(s), known(s) / largest.max(1e-300))).collect();
         PlotSeries { name: format!("{name}, of {largest:.4} {unit}").trim_end().into(), points }
@@ -191,7 +191,7 @@ fn over_time(found: &Followup, calibration: &Calibration) -> String {
 }
 
 /// Plots the velocity of the centroid and its magnitude; times at which the segment is lost are gaps.
-fn velocity_over_time(found: &Followup, calibration: &Calibration) -> String {
+fn velocity_over_time(found: &TrackedSegment, calibration: &Calibration) -> String {
     let curve = |name: &str, value: &dyn Fn([f64; 3]) -> f64| {
         let points = found.statistics.iter().map(|s| (time(s), s.velocity.map_or(f64::NAN, value))).collect();
         PlotSeries { name: name.into(), points }

@@ -208,7 +208,7 @@ fn cell(entry: &Value) -> String {
 #[cfg(test)]
 mod tests {
     use super::super::events::{EventKind, Tracking};
-    use super::super::statistics::Status;
+    use super::super::statistics::RowStatus;
     use super::*;
     use crate::data::calibration::{PhysicalSpace, PhysicalTime};
 
@@ -216,7 +216,7 @@ mod tests {
         SegmentStatistics {
             segment: "light \"blue\", 2".into(),
             time: 0.1,
-            status: Status::Lost,
+            status: RowStatus::Lost,
             gaussians: 5,
             opacity: f64::NAN,
             centroid: Some([1.0, -2.5, 1e-9]),

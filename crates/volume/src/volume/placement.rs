@@ -1,7 +1,7 @@
 //! The placement of a volume in the scene: centred at the origin, its longest side of one fixed length, in proportion.
 
 use super::grid::Grid;
-use super::source::Physical;
+use super::source::PhysicalMetadata;
 use crate::data::Aabb;
 use crate::data::calibration::PhysicalSpace;
 use crate::data::paths::RADIUS;
@@ -91,7 +91,7 @@ impl VoxelPlacement {
     }
 
     /// Physical space of the scene, given what the grid is in.
-    pub fn space(&self, physical: &Physical) -> PhysicalSpace {
+    pub fn space(&self, physical: &PhysicalMetadata) -> PhysicalSpace {
         let (centre, unit) = (self.centre.to_array(), physical.length_unit.clone());
         PhysicalSpace { centre, scale: self.scale, unit, axes: physical.axes }
     }
@@ -150,7 +150,7 @@ mod tests {
             let (directions, _) = Directions::of_steps(steps).unwrap();
             let grid = Grid { dims: [5, 9, 3], spacing: [2.0, 0.5, 4.0], origin: [1e3, -40.0, 7.0], directions };
             let p = VoxelPlacement::new(&grid, 1.5);
-            let space = p.space(&Physical { length_unit: Some("mm".into()), ..Physical::default() });
+            let space = p.space(&PhysicalMetadata { length_unit: Some("mm".into()), ..PhysicalMetadata::default() });
             let bounds = p.bounds();
             let mut reached = DVec3::ZERO;
             for index in [[0, 0, 0], [4, 0, 0], [0, 8, 0], [4, 8, 2], [1, 5, 2], [4, 0, 2], [0, 8, 2], [0, 0, 2]] {

@@ -19,8 +19,8 @@ mod times;
 use crate::volume::error::VolumeError;
 use crate::volume::formats;
 use crate::volume::grid::{Grid, ScalarType, Volume, VolumeLabels};
-use crate::volume::source::{Physical, Variable, VolumeFile, VolumeHeader};
-use notes::Notes;
+use crate::volume::source::{PhysicalMetadata, VolumeFile, VolumeHeader, VolumeVariable};
+use notes::FileNotes;
 use place::compare;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -102,7 +102,7 @@ impl Series {
         let mut header = first.header().clone();
         // the same array in all files, whichever each marks as active
         let variable = first.variable().map(str::to_owned);
-        let mut notes = Notes::default();
+        let mut notes = FileNotes::default();
         notes.add(&files[0], &header.notes);
         let mut mixed = false;
         let mut wide = Some(header.scalar).filter(|s| s.is_wide());
@@ -145,7 +145,7 @@ impl Series {
     }
 
     /// What the grid is in.
-    pub fn physical(&self) -> &Physical {
+    pub fn physical(&self) -> &PhysicalMetadata {
         &self.header.physical
     }
 
@@ -173,7 +173,7 @@ impl Series {
     ///
     /// # Errors
     /// The file has changed.
-    pub fn variables(&self) -> Result<Vec<Variable>, VolumeError> {
+    pub fn variables(&self) -> Result<Vec<VolumeVariable>, VolumeError> {
         Ok(self.opened(0)?.variables().to_vec())
     }
 

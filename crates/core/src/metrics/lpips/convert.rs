@@ -121,7 +121,7 @@ impl UserError for ConvertError {
 
 /// An input file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Input {
+pub struct InputFile {
     /// The file.
     pub file: PathBuf,
     /// Number of tensors read from it.
@@ -143,13 +143,13 @@ pub struct WrittenTensor {
 
 /// The result of a conversion.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Converted {
+pub struct ConvertedWeights {
     /// `alex` or `vgg`.
     pub network: String,
     /// The backbone's file.
-    pub backbone: Input,
+    pub backbone: InputFile,
     /// The heads' file.
-    pub heads: Input,
+    pub heads: InputFile,
     /// The file that was written.
     pub file: PathBuf,
     /// Its size in bytes.
@@ -168,7 +168,7 @@ type TensorsToWrite = Vec<(WrittenTensor, Vec<u8>)>;
 /// # Errors
 /// If a file is unreadable or damaged, a tensor is missing, of another shape or not finite, the heads belong to the
 /// other network, or `out` cannot be written or was not written by this program. Nothing is written then.
-pub fn convert(backbone: &Path, heads: &Path, out: &Path) -> Result<Converted, ConvertError> {
+pub fn convert(backbone: &Path, heads: &Path, out: &Path) -> Result<ConvertedWeights, ConvertError> {
     check_file(out)?;
     if let Some(input) = same_file(out, [backbone, heads]) {
         return Err(ReplaceError::Needed { path: out.into(), inner: input.into() }.into());
@@ -198,7 +198,7 @@ pub fn convert(backbone: &Path, heads: &Path, out: &Path) -> Result<Converted, C
     let heads = input(heads, all.len() - of_backbone, published.heads)?;
     let bytes = save(out, &all, net)?;
     let tensors = all.into_iter().map(|(written, _)| written).collect();
-    Ok(Converted { network: net.to_string(), backbone, heads, file: out.into(), bytes, tensors })
+    Ok(ConvertedWeights { network: net.to_string(), backbone, heads, file: out.into(), bytes, tensors })
 }
 
 fn open(path: &Path) -> Result<StateDict<File>, ConvertError> {
@@ -251,12 +251,12 @@ fn take(
     Ok((WrittenTensor { name, shape: shape.to_vec() }, bytes))
 }
 
-fn input(path: &Path, tensors: usize, published: &str) -> Result<Input, ConvertError> {
+fn input(path: &Path, tensors: usize, published: &str) -> Result<InputFile, ConvertError> {
     let mut hash = Sha256::new();
     let read = File::open(path).and_then(|mut file| io::copy(&mut file, &mut hash));
     read.map_err(|e| ConvertError::Source { path: path.into(), source: e.into() })?;
     let sha256: String = hash.finalize().iter().take(4).map(|b| format!("{b:02x}")).collect();
-    Ok(Input { file: path.into(), tensors, published: sha256 == published, sha256 })
+    Ok(InputFile { file: path.into(), tensors, published: sha256 == published, sha256 })
 }
 
 /// Writes the file; the header entry marks it as written by this program.

@@ -1,6 +1,6 @@
 //! How a run begins: its folder, its lock, the checkpoint that it continues from.
 
-use super::{RunContext, Start};
+use super::{RunContext, RunStart};
 use crate::data::Dataset;
 use crate::files::{LockDuration, LockError, RunLock, RunPaths};
 use crate::log::jsonl::truncate_after;
@@ -41,7 +41,7 @@ impl Beginning {
     pub(super) fn prepare(context: &RunContext<'_>, training: &mut dyn Training) -> Result<Self, TrainError> {
         let (dataset, options) = (context.dataset, context.options);
         let out = &options.out;
-        if options.start == Start::New {
+        if options.start == RunStart::New {
             check_out(out).map_err(TrainError::Resume)?;
         }
         let dataset_root = root_to_record(dataset)?;
@@ -94,19 +94,19 @@ pub fn lock_existing(out: &Path, command: &str) -> Result<Option<RunLock>, LockE
 }
 
 /// Returns the checkpoint to start from, if any.
-fn checkpoint_to_start_from(out: &Path, start: &Start) -> Result<Option<PathBuf>, CheckpointError> {
+fn checkpoint_to_start_from(out: &Path, start: &RunStart) -> Result<Option<PathBuf>, CheckpointError> {
     match (start, checkpoint::newest(out)) {
-        (Start::ResumeFrom(path), _) => Ok(Some(path.clone())),
+        (RunStart::ResumeFrom(path), _) => Ok(Some(path.clone())),
         (_, Err(error)) => Err(error),
-        (Start::Resume, Ok(None)) => Err(CheckpointError::None { run: out.into() }),
-        (Start::New, Ok(Some(_))) => {
+        (RunStart::Resume, Ok(None)) => Err(CheckpointError::None { run: out.into() }),
+        (RunStart::New, Ok(Some(_))) => {
             let reason = format!(
                 "holds checkpoints of a run; continue with `volseggs train --resume {}`, or choose another --out",
                 shell::path(out)
             );
             Err(CheckpointError::File { path: out.into(), reason })
         }
-        (Start::New | Start::Resume | Start::NewOrResume, Ok(newest)) => Ok(newest),
+        (RunStart::New | RunStart::Resume | RunStart::NewOrResume, Ok(newest)) => Ok(newest),
     }
 }
 

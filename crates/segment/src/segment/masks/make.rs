@@ -3,7 +3,7 @@
 //! Everything about the masks themselves is left to the source.
 
 use super::alpha::background_below;
-use super::source::{Group, MaskInput, MaskSource, ScoredMask, SourceError};
+use super::source::{MaskGroup, MaskInput, MaskSource, ScoredMask, SourceError};
 use super::store::{Annotation, MaskFileHeader, MaskView, MaskWriter, StoreError};
 use crate::config::types::segment::MasksConfig;
 use crate::data::Camera;
@@ -38,7 +38,7 @@ pub struct MaskJob<'a> {
     /// All Gaussians of the scene at `time`.
     pub at: &'a HostGaussians,
     /// The groups to draw alone.
-    pub groups: &'a [Group],
+    pub groups: &'a [MaskGroup],
     /// The views, all of one size.
     pub shots: &'a [MaskShot],
     /// Time in [0, 1], as written to the mask file.
@@ -155,7 +155,7 @@ pub fn make_masks(
     let size = job.check()?;
     let mut writer = MaskWriter::create(path, job.header(size, source))?;
     let batch = source.batch_size().max(1);
-    for (group, Group { members, .. }) in job.groups.iter().enumerate() {
+    for (group, MaskGroup { members, .. }) in job.groups.iter().enumerate() {
         let alone = job.at.subset(members);
         // pictures one after the other (each uses all threads), then their masks in parallel, a few at a time
         for (start, shots) in (0..).step_by(batch).zip(job.shots.chunks(batch)) {

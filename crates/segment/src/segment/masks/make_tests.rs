@@ -49,8 +49,8 @@ impl MaskSource for Fronts {
     }
 }
 
-fn group(name: &str, members: &[u32]) -> Group {
-    Group { name: name.into(), members: members.to_vec() }
+fn group(name: &str, members: &[u32]) -> MaskGroup {
+    MaskGroup { name: name.into(), members: members.to_vec() }
 }
 
 /// From +x, and from all around.
@@ -61,7 +61,13 @@ fn shots() -> Vec<MaskShot> {
     MaskShot::numbered(cameras)
 }
 
-fn make(groups: &[Group], shots: &[MaskShot], source: &Fronts, path: &Path, stop_at: usize) -> Result<u64, MakeError> {
+fn make(
+    groups: &[MaskGroup],
+    shots: &[MaskShot],
+    source: &Fronts,
+    path: &Path,
+    stop_at: usize,
+) -> Result<u64, MakeError> {
     let device = DeviceName::all()[0].open().unwrap();
     let at = scene();
     let rendering = Rendering { background: [1.0; 3], sh_degree: 0, dilation: DILATION, path_opacity: 0.0 };
@@ -118,7 +124,7 @@ fn the_old_file_stays_when_stopped_or_refused() {
     std::fs::write(&path, "old").unwrap();
     let source = Fronts { front: false, batch: 2 };
     let good = [group("a", &[0])];
-    let fails = |groups: &[Group], shots: &[MaskShot], stop_at, words: &str| {
+    let fails = |groups: &[MaskGroup], shots: &[MaskShot], stop_at, words: &str| {
         let error = make(groups, shots, &source, &path, stop_at).unwrap_err().to_string();
         assert!(error.contains(words), "{error}");
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "old");

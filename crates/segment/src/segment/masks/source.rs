@@ -34,7 +34,7 @@ pub static MASK_SOURCES: Registry<dyn MaskSourceKind> = Registry::new(
 
 /// A segment to make masks of, drawn alone.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Group {
+pub struct MaskGroup {
     /// Its name, as the mask file lists it.
     pub name: String,
     /// Its Gaussians, indices into those of the scene.

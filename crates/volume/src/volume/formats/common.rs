@@ -5,7 +5,7 @@ use crate::memory::{MemoryBudget, product};
 use crate::volume::directions::Directions;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::{Grid, ScalarType};
-use crate::volume::source::{Physical, VOXELS};
+use crate::volume::source::{PhysicalMetadata, VOXELS};
 use memmap2::{Mmap, MmapOptions};
 use std::fs::File;
 use std::path::Path;
@@ -99,11 +99,11 @@ pub fn placed(
     dims: [usize; 3],
     spacing: Option<[f64; 3]>,
     origin: Option<[f64; 3]>,
-) -> Result<(Grid, Physical), VolumeError> {
+) -> Result<(Grid, PhysicalMetadata), VolumeError> {
     let length_unit = spacing.is_none().then(|| VOXELS.to_owned());
     let spacing = check_spacing(from, "spacing", spacing.unwrap_or([1.0; 3]))?;
     let origin = check_origin(from, "origin", origin.unwrap_or([0.0; 3]))?;
-    Ok((Grid::aligned(dims, spacing, origin), Physical { length_unit, ..Physical::default() }))
+    Ok((Grid::aligned(dims, spacing, origin), PhysicalMetadata { length_unit, ..PhysicalMetadata::default() }))
 }
 
 /// The directions and spacing of a grid from the vectors that lead from a voxel to the next along x, y, z, given by the

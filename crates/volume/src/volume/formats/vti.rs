@@ -14,7 +14,7 @@ use super::stream::read_error;
 use crate::memory::MemoryBudget;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::Grid;
-use crate::volume::source::{Physical, Variable, VolumeFile, VolumeHeader};
+use crate::volume::source::{PhysicalMetadata, VolumeFile, VolumeHeader, VolumeVariable};
 use data::{ArrayLayout, Packing, VtiEncoding};
 use glam::DVec3;
 use std::io::{BufReader, Read};
@@ -41,9 +41,9 @@ pub fn open(path: &Path, variable: Option<&str>) -> Result<Box<dyn VolumeFile>, 
     }
     let grid = grid(path, &doc, cells, &mut notes)?;
     let layout = layout(path, &doc, array, grid.dims, file_len)?;
-    let header = VolumeHeader { grid, scalar: layout.kind, steps: 1, physical: Physical::default(), notes };
+    let header = VolumeHeader { grid, scalar: layout.kind, steps: 1, physical: PhysicalMetadata::default(), notes };
     let variable = array.name.clone();
-    let of = |a: &Array| Variable { name: a.name.clone(), components: a.components };
+    let of = |a: &Array| VolumeVariable { name: a.name.clone(), components: a.components };
     let variables = doc.point.arrays.iter().chain(&doc.cell.arrays).map(of).collect();
     Ok(Box::new(Vti { path: path.to_owned(), header, layout, variable, variables }))
 }
@@ -71,7 +71,7 @@ struct Vti {
     header: VolumeHeader,
     layout: ArrayLayout,
     variable: String,
-    variables: Vec<Variable>,
+    variables: Vec<VolumeVariable>,
 }
 
 impl VolumeFile for Vti {
@@ -83,7 +83,7 @@ impl VolumeFile for Vti {
         Some(&self.variable)
     }
 
-    fn variables(&self) -> &[Variable] {
+    fn variables(&self) -> &[VolumeVariable] {
         &self.variables
     }
 

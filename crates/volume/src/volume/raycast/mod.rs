@@ -17,7 +17,7 @@ mod table;
 mod tests;
 
 pub use cells::SceneCells;
-pub use picture::{RaycastPicture, Shares};
+pub use picture::{RaycastPicture, SegmentShares};
 
 use crate::data::Camera;
 use crate::volume::grid::{Volume, VolumeLabels};
@@ -68,7 +68,7 @@ pub struct RayCaster {
 
 /// One segment to show alone.
 #[derive(Debug)]
-pub struct Isolated {
+pub struct IsolatedSegment {
     segment: u16,
     occupancy: BrickDistances,
 }
@@ -105,7 +105,7 @@ impl RayCaster {
     }
 
     /// Prepares to show `segment` (an id, from 1) alone.
-    pub fn isolate(&self, segment: u16) -> Isolated {
+    pub fn isolate(&self, segment: u16) -> IsolatedSegment {
         let [nx, ny, _] = self.field.dims;
         let occupancy = BrickDistances::new(self.field.dims, |from| {
             let (low, high) = self.field.extremes(from, BRICK);
@@ -119,22 +119,32 @@ impl RayCaster {
                     })
                 })
         });
-        Isolated { segment, occupancy }
+        IsolatedSegment { segment, occupancy }
     }
 
     /// Renders the volume, or one segment of it alone.
-    pub fn render(&self, camera: &Camera, only: Option<&Isolated>) -> RaycastPicture {
+    pub fn render(&self, camera: &Camera, only: Option<&IsolatedSegment>) -> RaycastPicture {
         self.paint(camera, only, None).0
     }
 
     /// Like [`RayCaster::render`], but returns `None` early once `stop` is set.
-    pub fn render_until(&self, camera: &Camera, only: Option<&Isolated>, stop: &AtomicBool) -> Option<RaycastPicture> {
+    pub fn render_until(
+        &self,
+        camera: &Camera,
+        only: Option<&IsolatedSegment>,
+        stop: &AtomicBool,
+    ) -> Option<RaycastPicture> {
         let (picture, whole) = self.paint(camera, only, Some(stop));
         whole.then_some(picture)
     }
 
     /// The picture, and whether it is complete.
-    fn paint(&self, camera: &Camera, only: Option<&Isolated>, stop: Option<&AtomicBool>) -> (RaycastPicture, bool) {
+    fn paint(
+        &self,
+        camera: &Camera,
+        only: Option<&IsolatedSegment>,
+        stop: Option<&AtomicBool>,
+    ) -> (RaycastPicture, bool) {
         let mut picture = RaycastPicture::new(camera.width as usize, camera.height as usize);
         let whole = self.tiles(camera, only, false, stop, |x, y, ray| picture.set(x, y, ray.color));
         (picture, whole)
@@ -165,7 +175,7 @@ impl RayCaster {
     fn tiles(
         &self,
         camera: &Camera,
-        only: Option<&Isolated>,
+        only: Option<&IsolatedSegment>,
         shares: bool,
         stop: Option<&AtomicBool>,
         mut put: impl FnMut(usize, usize, RayResult),
@@ -203,7 +213,7 @@ impl RayCaster {
         true
     }
 
-    fn cast(&self, rays: &Rays, x: usize, y: usize, only: Option<&Isolated>, shares: bool) -> RayResult {
+    fn cast(&self, rays: &Rays, x: usize, y: usize, only: Option<&IsolatedSegment>, shares: bool) -> RayResult {
         let mut ray = RayResult::default();
         let direction = rays.direction(x, y);
         let Some((near, far)) = self.placement.clip(rays.eye, direction) else { return ray };
@@ -306,7 +316,7 @@ impl RayCaster {
 struct RayResult {
     /// Colour times alpha, alpha.
     color: [f32; 4],
-    shares: Shares,
+    shares: SegmentShares,
     segment: u16,
 }
 

@@ -61,7 +61,7 @@ const KEPT: usize = 6;
 
 /// The share of each segment in the colour of one pixel.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Shares {
+pub struct SegmentShares {
     ids: [u16; KEPT],
     weights: [f32; KEPT],
     /// The segment that the ray is in, and the weight accumulated there: a faint one is compared with the others as a
@@ -69,7 +69,7 @@ pub struct Shares {
     now: (u16, f32),
 }
 
-impl Shares {
+impl SegmentShares {
     /// Adds to a segment's share; 0 (no segment) counts as a segment.
     #[inline]
     pub fn add(&mut self, segment: u16, weight: f32) {
@@ -134,7 +134,7 @@ mod tests {
 
     #[test]
     fn the_largest_share_wins() {
-        let mut shares = Shares::default();
+        let mut shares = SegmentShares::default();
         assert_eq!(shares.largest(), 0);
         for id in 0..40u16 {
             shares.add(id, 0.01);
@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn a_faint_segment_counts_by_all_of_its_steps_however_many_came_before() {
-        let mut shares = Shares::default();
+        let mut shares = SegmentShares::default();
         for id in 1..=KEPT as u16 {
             shares.add(id, 0.05);
         }

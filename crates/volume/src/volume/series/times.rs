@@ -2,7 +2,7 @@
 
 use super::SeriesOptions;
 use crate::volume::error::VolumeError;
-use crate::volume::source::{Physical, VOXELS};
+use crate::volume::source::{PhysicalMetadata, VOXELS};
 use std::path::Path;
 
 /// The unit of times that dates give.
@@ -30,7 +30,7 @@ impl SeriesTimes {
         steps: usize,
         options: &SeriesOptions,
         dates: Option<Vec<f64>>,
-        physical: &Physical,
+        physical: &PhysicalMetadata,
         notes: &mut Vec<String>,
     ) -> Result<Self, VolumeError> {
         let dates = dates.filter(|_| options.times.is_none());

@@ -20,7 +20,7 @@ mod tiny_vit_block;
 mod transformer;
 mod weights;
 
-pub use automatic::{AutomaticOptions, Keep, SamMask, generate};
+pub use automatic::{AutomaticOptions, KeptCandidates, SamMask, generate};
 pub use config::SamConfig;
 pub use error::SamError;
 pub use image::ImageFit;
@@ -56,7 +56,7 @@ pub struct Embedding {
 
 /// Low-resolution candidate masks of a batch of prompts.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Prediction {
+pub struct MaskPrediction {
     /// Prompts `B`.
     pub prompts: usize,
     /// Candidates per prompt `M`.
@@ -69,7 +69,7 @@ pub struct Prediction {
     pub iou: Vec<f32>,
 }
 
-impl Prediction {
+impl MaskPrediction {
     /// The logits `[L, L]` of one candidate.
     ///
     /// # Panics
@@ -141,17 +141,22 @@ impl Sam {
     /// # Errors
     /// [`SamError::Prompt`] if a prompt is empty, not finite, or differs from the first in its number of points or in
     /// having a box.
-    pub fn predict(&self, image: &Embedding, prompts: &[SamPrompt], multimask: bool) -> Result<Prediction, SamError> {
+    pub fn predict(
+        &self,
+        image: &Embedding,
+        prompts: &[SamPrompt],
+        multimask: bool,
+    ) -> Result<MaskPrediction, SamError> {
         let side = 4 * self.config.embedding_side();
         let candidates = if multimask { self.config.candidates } else { 1 };
-        let empty = Prediction { prompts: 0, candidates, side, logits: Vec::new(), iou: Vec::new() };
+        let empty = MaskPrediction { prompts: 0, candidates, side, logits: Vec::new(), iou: Vec::new() };
         if prompts.is_empty() {
             return Ok(empty);
         }
         let sparse = self.prompt.sparse(prompts, &image.frame)?;
         let features = self.prompt.with_no_mask(image.features.clone());
         let (masks, iou) = self.decoder.forward(features, self.cells.clone(), sparse, multimask);
-        Ok(Prediction { prompts: prompts.len(), logits: host(masks)?, iou: host(iou)?, ..empty })
+        Ok(MaskPrediction { prompts: prompts.len(), logits: host(masks)?, iou: host(iou)?, ..empty })
     }
 }
 

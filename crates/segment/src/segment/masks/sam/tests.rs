@@ -163,7 +163,7 @@ fn the_automatic_mode_finds_the_published_masks() {
     let options = AutomaticOptions {
         points_per_side: 3,
         points_per_batch: 4,
-        keep: Keep::All,
+        keep: KeptCandidates::All,
         predicted_iou: limits[0],
         stability: limits[1],
         stability_offset: 0.1,
@@ -188,7 +188,7 @@ fn the_automatic_mode_finds_the_published_masks() {
     // the batch's size must not matter
     let again = generate(&sam, &rgb, width, height, &AutomaticOptions { points_per_batch: 100, ..options.clone() });
     assert_eq!(again.unwrap(), found);
-    let fewer = AutomaticOptions { keep: Keep::MostConfident, box_overlap: 1.0, stability: 0.0, ..options };
+    let fewer = AutomaticOptions { keep: KeptCandidates::MostConfident, box_overlap: 1.0, stability: 0.0, ..options };
     let best = generate(&sam, &rgb, width, height, &fewer).unwrap();
     assert!(!best.is_empty() && best.len() <= 9, "{}", best.len());
 }

@@ -42,13 +42,13 @@ impl MaskSourceKind for DirKind {
         let views: Vec<String> = job.shots.iter().map(|s| format!("{}.png", s.file)).collect();
         let (width, height) = job.shots.first().map_or((0, 0), |s| (s.camera.width, s.camera.height));
         let path = input.options.path.as_deref().unwrap_or(Path::new(""));
-        Ok(Box::new(Foreign::open(path, &groups, input.others, &views, [width, height])?))
+        Ok(Box::new(ForeignMasks::open(path, &groups, input.others, &views, [width, height])?))
     }
 }
 
 /// Masks that another program made of the pictures of some groups.
 #[derive(Debug)]
-pub struct Foreign {
+pub struct ForeignMasks {
     name: String,
     masks: StoredMasks,
 }
@@ -61,7 +61,7 @@ enum StoredMasks {
     Coco(CocoFile, HashMap<(usize, usize), usize>),
 }
 
-impl Foreign {
+impl ForeignMasks {
     /// Opens `path`: a COCO file, whose images are called `GROUP/VIEW.png`, or a folder that contains one of PNGs for
     /// each group, see [`PngFolder`]. For a single group, the folder itself may hold the PNGs and COCO names may omit
     /// the group. Pictures of the groups `others` are skipped. Extensions of file names are ignored; all pictures are
@@ -149,7 +149,7 @@ fn places(
     Ok(places)
 }
 
-impl MaskSource for Foreign {
+impl MaskSource for ForeignMasks {
     fn name(&self) -> &str {
         &self.name
     }
@@ -184,15 +184,15 @@ mod tests {
         GaussianPicture { width: 4, height: 2, rgba: vec![0.0; 32], depth: vec![0.0; 8] }
     }
 
-    fn areas(source: &Foreign, group: usize, view: usize) -> Vec<u64> {
+    fn areas(source: &ForeignMasks, group: usize, view: usize) -> Vec<u64> {
         let picture = picture();
         let found = source.find(&MaskInput { view, group, picture: &picture, front: None }).unwrap();
         found.iter().map(|f| f.mask.area()).collect()
     }
 
-    fn open(path: &Path, groups: &[&str]) -> Result<Foreign, StoreError> {
+    fn open(path: &Path, groups: &[&str]) -> Result<ForeignMasks, StoreError> {
         let groups: Vec<String> = groups.iter().map(|g| (*g).to_owned()).collect();
-        Foreign::open(path, &groups, &["other".into()], &["view-000".into(), "view-001".into()], [4, 2])
+        ForeignMasks::open(path, &groups, &["other".into()], &["view-000".into(), "view-001".into()], [4, 2])
     }
 
     #[test]

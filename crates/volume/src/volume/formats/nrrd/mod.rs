@@ -14,13 +14,13 @@ use crate::files::leads_out;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::Grid;
 use crate::volume::source::{VolumeFile, VolumeHeader};
-use axes::Axes;
+use axes::NrrdAxes;
 use data::{NrrdData, NrrdEncoding, ValueSelection};
 use place::NrrdPlacement;
 use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use text::Text;
+use text::NrrdText;
 
 /// Maximum length of a header, even of one that lists thousands of data files.
 const MAX_HEADER: u64 = 1 << 22;
@@ -54,12 +54,12 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
             break;
         }
     }
-    let text = Text::parse(path, &bytes)?;
+    let text = NrrdText::parse(path, &bytes)?;
     if text.end.is_none() && bytes.len() as u64 == MAX_HEADER {
         let problem = format!("does not end within {MAX_HEADER} bytes");
         return Err(bad("header", problem, "end it with a blank line"));
     }
-    let axes = Axes::read(path, &text)?;
+    let axes = NrrdAxes::read(path, &text)?;
 
     let name = text.need(path, "type")?;
     let scalar = common::scalar_from_name(name).ok_or_else(|| {

@@ -1,13 +1,13 @@
 //! Where the grid of an NRRD file lies in space and its steps in time, and in which units.
 
 use super::super::common;
-use super::axes::{Axes, vectors};
-use super::text::Text;
+use super::axes::{NrrdAxes, vectors};
+use super::text::NrrdText;
 use crate::data::calibration::AxisConvention;
 use crate::volume::directions::Directions;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::Grid;
-use crate::volume::source::{Physical, TimeAxis, VOXELS};
+use crate::volume::source::{PhysicalMetadata, TimeAxis, VOXELS};
 use std::path::Path;
 
 /// The longest name of a unit; longer ones are something else.
@@ -19,7 +19,7 @@ pub struct NrrdPlacement {
     /// The grid, but for its number of voxels.
     pub grid: Grid,
     /// What it is in.
-    pub physical: Physical,
+    pub physical: PhysicalMetadata,
     /// What was assumed or converted.
     pub notes: Vec<String>,
 }
@@ -36,7 +36,7 @@ impl NrrdPlacement {
     ///
     /// # Errors
     /// A malformed field, or axes that are not perpendicular.
-    pub fn read(path: &Path, text: &Text, axes: &Axes) -> Result<Self, VolumeError> {
+    pub fn read(path: &Path, text: &NrrdText, axes: &NrrdAxes) -> Result<Self, VolumeError> {
         let bad = |field: &str, problem: String, hint: &str| VolumeError::invalid(path, field, problem, hint);
         let mut notes = Vec::new();
         let space = space_of(text, &mut notes);
@@ -116,12 +116,12 @@ impl NrrdPlacement {
             let start = start.filter(|t| t.is_finite()).unwrap_or(0.0);
             (step.is_finite() && step > 0.0).then(|| TimeAxis { start, step, unit: units.time(axis) })
         });
-        Ok(Self { grid, physical: Physical { length_unit, axes: space.axes, time }, notes })
+        Ok(Self { grid, physical: PhysicalMetadata { length_unit, axes: space.axes, time }, notes })
     }
 }
 
 /// The numbers of a field, one for each axis of the file.
-fn numbers(path: &Path, text: &Text, field: &str, axes: &Axes) -> Result<Option<Vec<f64>>, VolumeError> {
+fn numbers(path: &Path, text: &NrrdText, field: &str, axes: &NrrdAxes) -> Result<Option<Vec<f64>>, VolumeError> {
     let n = if axes.other.is_some() { 4 } else { 3 };
     let Some(given) = text.get(field) else { return Ok(None) };
     let values: Result<Vec<f64>, _> = given.split_whitespace().map(str::parse).collect();
@@ -133,7 +133,7 @@ fn numbers(path: &Path, text: &Text, field: &str, axes: &Axes) -> Result<Option<
 
 /// The space of a header. One that is left-handed is converted to the right-handed one that differs in a sign, so that
 /// nothing is mirrored.
-fn space_of(text: &Text, notes: &mut Vec<String>) -> NrrdSpace {
+fn space_of(text: &NrrdText, notes: &mut Vec<String>) -> NrrdSpace {
     let Some(name) = text.get("space") else { return NrrdSpace::default() };
     let Some(space) = space(name) else {
         notes.push(format!("space \"{name}\" is not known: its axes are taken as right-handed, without meaning"));
@@ -182,7 +182,7 @@ struct NrrdUnits {
 }
 
 impl NrrdUnits {
-    fn read(text: &Text) -> Self {
+    fn read(text: &NrrdText) -> Self {
         let of = |field: &str| text.get(field).map_or(Vec::new(), quoted);
         Self { space: of("spaceunits"), axes: of("units") }
     }
