@@ -45,8 +45,8 @@ pub struct ColourSeries {
 }
 
 impl Gaussians4d {
-    /// Returns what is drawn at `time`: [`ConditionalGaussians`], the opacity times its marginal, colours by [`harmonics_at`].
-    /// Gradients are kept if the parameters have them.
+    /// Returns what is drawn at `time`: [`ConditionalGaussians`], the opacity times its marginal, colours by
+    /// [`harmonics_at`]. Gradients are kept if the parameters have them.
     ///
     /// # Panics
     /// As [`harmonics_at`].
