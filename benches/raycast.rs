@@ -11,7 +11,7 @@ use std::process::Command;
 use std::time::Instant;
 use volseggs::data::Camera;
 use volseggs::volume::grid::Volume;
-use volseggs::volume::placement::{Placement, published_side};
+use volseggs::volume::placement::{VoxelPlacement, published_side};
 use volseggs::volume::raycast::RayCaster;
 use volseggs::volume::synthetic::Synthetic;
 use volseggs::volume::transfer::TransferFunction;
@@ -36,7 +36,7 @@ fn main() {
     for scene in Synthetic::ALL {
         let (volume, _) = scene.sample([side; 3], 0.5);
         let tf = scene.transfer_function().unwrap();
-        let placement = Placement::new(&volume.grid, published_side());
+        let placement = VoxelPlacement::new(&volume.grid, published_side());
         let started = Instant::now();
         let caster = RayCaster::new(&volume, None, &tf, [0.0, 1.0], placement, 1.0);
         let layout = started.elapsed().as_secs_f64();
@@ -75,7 +75,13 @@ struct Vtk {
 }
 
 /// Times VTK's CPU ray caster; returns `None` if it cannot be run.
-fn vtk(volume: &Volume, tf: &TransferFunction, placement: &Placement, camera: &Camera, repeats: usize) -> Option<Vtk> {
+fn vtk(
+    volume: &Volume,
+    tf: &TransferFunction,
+    placement: &VoxelPlacement,
+    camera: &Camera,
+    repeats: usize,
+) -> Option<Vtk> {
     let folder = tempfile::tempdir().unwrap();
     let raw: Vec<u8> = volume.values.iter().flat_map(|v| v.to_le_bytes()).collect();
     std::fs::write(folder.path().join("v.raw"), raw).unwrap();

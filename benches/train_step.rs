@@ -24,13 +24,13 @@ use volseggs::method::preset;
 use volseggs::model::HostGaussians;
 use volseggs::model::encoder::factorised::field_shape;
 use volseggs::train::densify::{self, Statistics};
-use volseggs::train::due::Due;
+use volseggs::train::due::DueChanges;
 use volseggs::train::losses;
 use volseggs_kernels::adam::{AdamStep, LrPattern, adam_step};
 use volseggs_kernels::changes::{COLUMNS, WIDTHS};
 use volseggs_kernels::decoder::{self, DecoderGrads, DecoderParams, DecoderShape};
 use volseggs_kernels::field::{self, FieldGrads, FieldParams, FieldShape};
-use volseggs_kernels::tv::{TvGrads, TvKind, TvReduction, TvWeights, tv};
+use volseggs_kernels::tv::{DifferenceReduction, TvGrads, TvKind, TvWeights, tv};
 
 #[global_allocator]
 static ALLOCATOR: counting::Counting = counting::Counting;
@@ -197,7 +197,8 @@ fn loss_stages(image: &[f32], config: &Config, repeats: usize, out: &mut Vec<Sta
     let [planes, lines, times] = lengths.map(|len| r.take(len, |r| 0.1 + 0.4 * r.uniform()));
     let params = FieldParams { planes: &planes, lines: &lines, times: &times };
     let (space, time) = (config.loss.tv as f32, config.loss.tv_time as f32);
-    let weights = TvWeights { space, time, one_prior_space: 0.0, one_prior_time: 0.0, reduction: TvReduction::Mean };
+    let weights =
+        TvWeights { space, time, one_prior_space: 0.0, one_prior_time: 0.0, reduction: DifferenceReduction::Mean };
     let [mut planes, mut lines, mut times] = lengths.map(|len| vec![0.0; len]);
     let penalty = || {
         let grads = TvGrads { planes: &mut planes, lines: &mut lines, times: &mut times };
@@ -240,7 +241,7 @@ fn densify_stage(scene: Scene, config: &Config, repeats: usize) -> Samples {
     let mut r = Numbers(12);
     let statistics =
         Statistics { gradient: r.take(n, Numbers::uniform), views: vec![1.0; n], opacity: r.take(n, Numbers::uniform) };
-    let due = Due { grow_to: Some(n + n / 50), prune: true, ..Due::default() };
+    let due = DueChanges { grow_to: Some(n + n / 50), prune: true, ..DueChanges::default() };
     let host = HostGaussians {
         means: scene.means,
         rotations: scene.rotations,

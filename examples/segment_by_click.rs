@@ -4,7 +4,7 @@
 //! masks RUN`, then `volseggs segment fine RUN`.
 
 use std::path::Path;
-use volseggs::files::Work;
+use volseggs::files::LockDuration;
 use volseggs::name::Name;
 use volseggs::prelude::*;
 use volseggs::run::{affinity, pick, segments::RunSegments};
@@ -16,7 +16,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return Err("usage: segment_by_click RUN VIEW X Y NAME".into());
     };
     let device = DeviceName::all()[0].open()?;
-    let run = OpenRun::open_to_write(Path::new(run), &device, "segment_by_click", Work::Short)?;
+    let run = OpenRun::open_to_write(Path::new(run), &device, "segment_by_click", LockDuration::Short)?;
     let mut segments = RunSegments::open(&run)?;
     let field = affinity::open(&run)?;
     let (camera, time) = run.test_view(view.parse()?, run.record.surroundings.lens)?;

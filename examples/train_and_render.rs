@@ -2,15 +2,15 @@
 
 use std::{path::Path, sync::atomic::AtomicBool};
 use volseggs::prelude::*;
-use volseggs::{export::images::to_rgb8, prepare::views::Times};
+use volseggs::{export::images::to_rgb8, prepare::views::TrainingTimes};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let out = std::env::args().nth(1).ok_or("usage: train_and_render OUT [STEPS]")?;
     let steps: usize = std::env::args().nth(2).map_or(Ok(500), |text| text.parse())?;
     let (data, scene) = (Path::new(&out).join("data"), Synthetic::Jets);
-    let volume = Source::Synthetic { scene, dims: [48; 3], steps: 10 };
+    let volume = PrepareSource::Synthetic { scene, dims: [48; 3], steps: 10 };
     let mut options = PrepareOptions { segments: SegmentOptions::NONE, ..PrepareOptions::default() };
-    (options.views.size, options.views.times) = ([128, 128], Times::Count(10));
+    (options.views.size, options.views.times) = ([128, 128], TrainingTimes::Count(10));
     (options.views.views_per_time, options.views.test_views) = (8, 20);
     prepare(&volume, &scene.transfer_function()?, &options, &data, &|_| (), &AtomicBool::new(false))?;
 

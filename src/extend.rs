@@ -10,31 +10,31 @@
 //!
 //! The functions that register are here; each trait is defined beside the code that uses it.
 
-pub use crate::config::sections::{Section, Settings};
+pub use crate::config::sections::{ConfigSection, Settings};
 pub use crate::data::dataset_layout::DatasetLayout;
-pub use crate::data::scan::Scan;
+pub use crate::data::scan::SplitScan;
 pub use crate::export::exporters::{Content, Exporter};
 pub use crate::export::splat_file::{SplatFileError, SplatFileOptions};
 pub use crate::method::network::{self, Network, StepInput};
-pub use crate::method::{Counts, Method, Model, Saved, Training};
+pub use crate::method::{Counts, Method, Model, SavedTraining, Training};
 pub use crate::metrics::metric::{Better, Metric, MetricDisplay, MetricFailure, MetricInput, Networks};
 pub use crate::model::encoder::{EncoderFactory, find_encoder};
-pub use crate::model::encoder_definition::{EncoderDefinition, Parameter, Parameters};
+pub use crate::model::encoder_definition::{EncoderDefinition, EncoderParameter, Parameters};
 pub use crate::registry::NotRegistered;
 pub use crate::segment::masks::registry::{
     ChooseSourceError, MaskSourceKind, SourceInput, SourceOption, SourceOptions, SourceViews,
 };
 pub use crate::segment::masks::source::{MaskSource, SourceError};
-pub use crate::train::densify::{Candidates, DensificationRule, Row, find_rule};
+pub use crate::train::densify::{Candidates, DensificationRule, RowSource, find_rule};
 pub use crate::train::losses::{LossInput, LossTerm, find_loss_term};
 pub use crate::train::rate_schedule::{Schedule, find_schedule};
-pub use volseggs_kernels::Camera as PinholeCamera;
+pub use volseggs_kernels::PinholeCamera;
 
 use crate::data::LAYOUTS;
 use crate::export::EXPORTERS;
 use crate::method::METHODS;
 use crate::metrics::METRICS;
-use crate::model::defined_encoder::Defined;
+use crate::model::defined_encoder::DefinedEncoderFactory;
 use crate::model::encoder::ENCODERS;
 use crate::segment::masks::source::MASK_SOURCES;
 use crate::train::densify::RULES;
@@ -48,7 +48,7 @@ pub fn loss_term(name: &str, term: impl LossTerm + 'static) {
 
 /// Registers an encoder; `model.encoder = "NAME"` uses it. It replaces a built-in encoder of that name.
 pub fn encoder(name: &str, definition: impl EncoderDefinition + 'static) {
-    ENCODERS.insert(name, Box::new(Defined(Box::leak(Box::new(definition)))));
+    ENCODERS.insert(name, Box::new(DefinedEncoderFactory(Box::leak(Box::new(definition)))));
 }
 
 /// Registers a schedule; `optim.schedule = "NAME"` uses it. It replaces a built-in schedule of that name.

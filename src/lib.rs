@@ -80,7 +80,7 @@ pub mod prelude {
     pub use crate::metrics::psnr::psnr;
     pub use crate::metrics::ssim::ssim_rgb;
     pub use crate::model::{HostGaussians, Model, Scene, ToKernel};
-    pub use crate::prepare::{PrepareOptions, SegmentOptions, Source, prepare};
+    pub use crate::prepare::{PrepareOptions, PrepareSource, SegmentOptions, prepare};
     pub use crate::run::OpenRun;
     pub use crate::segment::segmentation::Segmentation;
     pub use crate::train::Trainer;

@@ -17,7 +17,7 @@ use volseggs::metrics::psnr::psnr;
 use volseggs::model::ToKernel;
 use volseggs::run::{AnyRun, OpenRun};
 use volseggs::train::open_dataset;
-use volseggs::train::run::{RunContext, RunOptions, RunOutcome, Start};
+use volseggs::train::run::{RunContext, RunOptions, RunOutcome, RunStart};
 use volseggs::user_error::UserError;
 
 const SETTINGS: [&str; 7] = [
@@ -38,7 +38,7 @@ fn resolved(more: &[&str]) -> (Config, String) {
 }
 
 /// Trains `root/NAME` to the end, or up to some step.
-fn trained(root: &Path, name: &str, start: Start, stop_after: Option<usize>, more: &[&str]) -> RunOutcome {
+fn trained(root: &Path, name: &str, start: RunStart, stop_after: Option<usize>, more: &[&str]) -> RunOutcome {
     let (config, config_toml) = resolved(more);
     let device = DeviceName::all()[0].open().unwrap();
     let data = open_dataset(&root.join("data"), &config).unwrap();
@@ -57,7 +57,7 @@ fn run_in_process(arguments: &[&str]) -> Result<(), (u8, String)> {
 #[test]
 fn a_method_without_gaussians_is_trained_evaluated_and_rendered_by_the_common_code() {
     let root = dataset();
-    let whole = trained(root.path(), "whole", Start::New, None, &[]);
+    let whole = trained(root.path(), "whole", RunStart::New, None, &[]);
     assert_eq!((whole.reason.is_complete(), whole.record.gaussians, whole.record.method.as_str()), (true, 0, "pixels"));
     let run = root.path().join("whole");
     assert_eq!(names(&run.join("checkpoints")), ["step-000040", "step-000060"]);
@@ -67,8 +67,8 @@ fn a_method_without_gaussians_is_trained_evaluated_and_rendered_by_the_common_co
     assert_eq!((&lines[5]["stage"], &lines[5]["gaussians"]), (&"train".into(), &0.into()));
 
     // stopped and resumed, it is the same
-    trained(root.path(), "parts", Start::New, Some(33), &[]);
-    trained(root.path(), "parts", Start::Resume, None, &[]);
+    trained(root.path(), "parts", RunStart::New, Some(33), &[]);
+    trained(root.path(), "parts", RunStart::Resume, None, &[]);
     let parts = root.path().join("parts");
     assert!(newest_bytes(&parts) == newest_bytes(&run), "the resumed run has a different result");
     assert_eq!(metrics(&parts), lines);
@@ -193,7 +193,7 @@ fn a_single_image_is_overfitted() {
     let root = dataset();
     let more = ["data.times=1", "data.views_per_time=1", "method_settings.steps=800", "method_settings.rate=0.005"];
     let more: Vec<&str> = more.into_iter().chain(["output.eval_every=0"]).collect();
-    trained(root.path(), "run", Start::New, None, &more);
+    trained(root.path(), "run", RunStart::New, None, &more);
     let device = DeviceName::all()[0].open().unwrap();
     let run = AnyRun::open_any(&root.path().join("run"), &device).unwrap();
     let data = open_dataset(&root.path().join("data"), &run.config).unwrap();
@@ -229,7 +229,7 @@ fn a_run_records_its_method_which_defaults_to_volseggs() {
 #[test]
 fn a_file_of_another_method_or_of_another_size_is_refused() {
     let root = dataset();
-    trained(root.path(), "run", Start::New, Some(2), &[]);
+    trained(root.path(), "run", RunStart::New, Some(2), &[]);
     let run = root.path().join("run");
     let device = DeviceName::all()[0].open().unwrap();
     let mut record = json(&run.join("run.json"));
@@ -347,15 +347,15 @@ fn insitunet_without_vgg_weights_reports_it_and_compares_pixels() {
 #[test]
 fn a_run_out_of_time_is_complete_and_continues_with_a_longer_limit() {
     let root = dataset();
-    let whole = trained(root.path(), "whole", Start::New, None, &[]);
-    let short = trained(root.path(), "short", Start::New, None, &["output.max_minutes=1e-9"]);
+    let whole = trained(root.path(), "whole", RunStart::New, None, &[]);
+    let short = trained(root.path(), "short", RunStart::New, None, &["output.max_minutes=1e-9"]);
     assert_eq!((short.reason.is_complete(), short.record.status.as_str(), short.record.steps), (true, "complete", 1));
     let run = root.path().join("short");
     assert_eq!(names(&run.join("checkpoints")), ["step-000001"]);
     run_in_process(&["eval", &text(root.path(), "short"), "--views", "1"]).unwrap();
-    let again = trained(root.path(), "short", Start::Resume, None, &["output.max_minutes=1e-9"]);
+    let again = trained(root.path(), "short", RunStart::Resume, None, &["output.max_minutes=1e-9"]);
     assert_eq!((again.reason.is_complete(), again.record.steps), (true, 1), "no time is left");
-    let longer = trained(root.path(), "short", Start::Resume, None, &["output.max_minutes=600"]);
+    let longer = trained(root.path(), "short", RunStart::Resume, None, &["output.max_minutes=600"]);
     assert_eq!((longer.reason.is_complete(), longer.record.steps), (true, whole.record.steps));
     assert!(newest_bytes(&run) == newest_bytes(&root.path().join("whole")), "the time limit must not affect the steps");
     let refused = volseggs::method::layers().sets(["output.max_minutes=-1"]).resolve::<Config>().unwrap();

@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::Command;
 use volseggs::data::Camera;
 use volseggs::volume::grid::{Grid, Volume};
-use volseggs::volume::placement::{Placement, published_side};
+use volseggs::volume::placement::{VoxelPlacement, published_side};
 use volseggs::volume::raycast::RayCaster;
 use volseggs::volume::transfer::{Shading, TransferFunction};
 use volseggs_testing::{Need, python_with, skip};
@@ -64,7 +64,7 @@ fn vtk(
     mapper: &str,
     step: f64,
 ) -> Option<Vec<f32>> {
-    let placement = Placement::new(&volume.grid, published_side());
+    let placement = VoxelPlacement::new(&volume.grid, published_side());
     let raw: Vec<u8> = volume.values.iter().flat_map(|v| v.to_le_bytes()).collect();
     std::fs::write(folder.join("v.raw"), raw).unwrap();
     let smallest = placement.spacing().min_element();
@@ -115,7 +115,7 @@ fn psnr(a: &[f32], b: &[f32]) -> f64 {
 fn pictures_agree_with_vtk() {
     let folder = tempfile::tempdir().unwrap();
     let volume = volume();
-    let placement = Placement::new(&volume.grid, published_side());
+    let placement = VoxelPlacement::new(&volume.grid, published_side());
     let lit = |specular| Shading { enabled: true, ambient: 0.3, diffuse: 0.7, specular, power: 20.0 };
     let cases = [
         // emission, opacity and positions alone: samples lie half a step apart

@@ -3,7 +3,7 @@
 use std::f32::consts::TAU;
 use volseggs::burn::tensor::Tensor;
 use volseggs::config::types::ModelConfig;
-use volseggs::extend::{EncoderDefinition, Parameter, Parameters};
+use volseggs::extend::{EncoderDefinition, EncoderParameter, Parameters};
 use volseggs::rng::Rng;
 
 /// One feature is `height * sin(frequency . [x, y, z, t] + phase)`.
@@ -17,12 +17,12 @@ impl EncoderDefinition for Waves {
         config.levels * config.channels // as many as in the factorised encoder
     }
 
-    fn parameters(&self, config: &ModelConfig, rng: &mut Rng) -> Vec<Parameter> {
+    fn parameters(&self, config: &ModelConfig, rng: &mut Rng) -> Vec<EncoderParameter> {
         let waves = self.features(config);
         vec![
-            Parameter::from_fn("frequencies", [4, waves], || self.frequency * rng.normal()),
-            Parameter::from_fn("phases", [1, waves], || TAU * rng.uniform()),
-            Parameter::from_fn("heights", [1, waves], || 1.0),
+            EncoderParameter::from_fn("frequencies", [4, waves], || self.frequency * rng.normal()),
+            EncoderParameter::from_fn("phases", [1, waves], || TAU * rng.uniform()),
+            EncoderParameter::from_fn("heights", [1, waves], || 1.0),
         ]
     }
 

@@ -6,7 +6,7 @@ use crate::log_exp::{exp, ln};
 /// A Gaussian along a row of voxels: its squared distance from the place of voxel `i`, in its standard deviations, is
 /// `lowest + curvature (start + i)^2`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Section {
+pub struct BellSection {
     /// The smallest squared distance along the row's line.
     pub lowest: f32,
     /// Growth of the squared distance with the square of the distance along the row, in voxels.
@@ -16,13 +16,13 @@ pub struct Section {
 }
 
 /// Adds `factor e` to each voxel, where `e` is the Gaussian's bell curve there.
-pub fn add_bell(row: &mut [f32], section: Section, factor: f32) {
+pub fn add_bell(row: &mut [f32], section: BellSection, factor: f32) {
     arch().dispatch(|| add(row, section, |e| factor * e));
 }
 
 /// Adds `-factor ln(1 - opacity e)` to each voxel, where `e` is the Gaussian's bell curve there: its optical depth for a
 /// ray at that distance, times `factor`. The opacity is below 1.
-pub fn add_depth(row: &mut [f32], section: Section, opacity: f32, factor: f32) {
+pub fn add_depth(row: &mut [f32], section: BellSection, opacity: f32, factor: f32) {
     arch().dispatch(|| {
         add(row, section, |e| {
             let alpha = opacity * e;
@@ -34,7 +34,7 @@ pub fn add_depth(row: &mut [f32], section: Section, opacity: f32, factor: f32) {
 }
 
 #[inline(always)]
-fn add(row: &mut [f32], Section { lowest, curvature, start }: Section, value: impl Fn(f32) -> f32) {
+fn add(row: &mut [f32], BellSection { lowest, curvature, start }: BellSection, value: impl Fn(f32) -> f32) {
     for (i, out) in (0i32..).zip(row) {
         let along = start + i as f32;
         *out += value(exp(-0.5 * (lowest + curvature * along * along)));
@@ -48,7 +48,7 @@ mod tests {
     #[test]
     fn rows_are_those_of_double_precision() {
         for (lowest, curvature, start) in [(0.0f32, 0.3f32, -2.5f32), (4.0, 0.002, -40.0), (8.9, 1.0, -0.1)] {
-            let section = Section { lowest, curvature, start };
+            let section = BellSection { lowest, curvature, start };
             for opacity in [1.0f32 / 255.0, 0.3, 0.99] {
                 let [mut bell, mut depth] = [0; 2].map(|_| vec![1.0f32; 37]);
                 add_bell(&mut bell, section, 3.0);
@@ -67,7 +67,7 @@ mod tests {
     #[test]
     fn small_opacities_keep_their_precision() {
         let mut row = [0.0f32; 3];
-        let section = Section { lowest: 9.0, curvature: 0.01, start: 0.0 };
+        let section = BellSection { lowest: 9.0, curvature: 0.01, start: 0.0 };
         add_depth(&mut row, section, 0.004, 1.0);
         let exact = -(-0.004 * (-4.5f64).exp()).ln_1p();
         assert!((f64::from(row[0]) / exact - 1.0).abs() < 1e-5, "{} {exact}", row[0]);

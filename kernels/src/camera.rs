@@ -4,7 +4,7 @@
 ///
 /// Pixel `(column i, row j)` is sampled at `(i + 0.5, j + 0.5)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Camera {
+pub struct PinholeCamera {
     /// Image width in pixels.
     pub width: usize,
     /// Image height in pixels.
@@ -23,7 +23,7 @@ pub struct Camera {
     pub translation: [f32; 3],
 }
 
-impl Camera {
+impl PinholeCamera {
     /// Camera centre in world coordinates, `-R^T t`.
     pub fn position(&self) -> [f32; 3] {
         let (r, t) = (&self.rotation, &self.translation);
@@ -48,11 +48,19 @@ mod tests {
     #[test]
     fn the_jacobian_is_limited_about_the_middle_of_the_picture() {
         let rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let camera =
-            Camera { width: 100, height: 50, fx: 50.0, fy: 50.0, cx: 50.0, cy: 25.0, rotation, translation: [0.0; 3] };
+        let camera = PinholeCamera {
+            width: 100,
+            height: 50,
+            fx: 50.0,
+            fy: 50.0,
+            cx: 50.0,
+            cy: 25.0,
+            rotation,
+            translation: [0.0; 3],
+        };
         assert_eq!(camera.jacobian_limits(), [[-1.3, 1.3], [-0.65, 0.65]]);
         // cropped so that the axis is at the right border: the picture reaches from -2 to 0
-        let cropped = Camera { cx: 100.0, ..camera };
+        let cropped = PinholeCamera { cx: 100.0, ..camera };
         assert_eq!(cropped.jacobian_limits()[0].map(|x| (10.0 * x).round()), [-23.0, 3.0]);
     }
 }

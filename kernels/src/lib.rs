@@ -63,7 +63,7 @@ pub mod splat;
 pub mod ssim;
 pub mod tv;
 
-pub use camera::Camera;
+pub use camera::PinholeCamera;
 #[cfg(feature = "cube")]
 pub use cube::{GpuPaths, gpu_paths, is_gpu};
 pub use scale::ScaleOps;

@@ -14,9 +14,9 @@ use volseggs_kernels::adam::{AdamStep, AdamTensors, LrPattern, adam};
 use volseggs_kernels::decoder::{DecoderShape, DecoderWeights, decoder};
 use volseggs_kernels::field::{FieldShape, LevelShape};
 use volseggs_kernels::photometric::{Distance, photometric_loss};
-use volseggs_kernels::splat::reference::Scene;
+use volseggs_kernels::splat::reference::ReferenceScene;
 use volseggs_kernels::ssim::mean_ssim;
-use volseggs_kernels::tv::{TvKind, TvReduction, TvWeights, total_variation};
+use volseggs_kernels::tv::{DifferenceReduction, TvKind, TvWeights, total_variation};
 
 fn values(n: usize, seed: u64) -> Vec<f32> {
     let mut r = Numbers(seed);
@@ -48,7 +48,7 @@ fn alike(on: &Tested, limit: f64, f: impl Fn(&Device) -> Vec<Vec<f32>>) {
     }
 }
 
-fn splats_alike(on: &Tested, scene: &Scene, width: usize, height: usize, degree: usize) {
+fn splats_alike(on: &Tested, scene: &ReferenceScene, width: usize, height: usize, degree: usize) {
     let s = settings(camera(width, height), degree);
     let weights: Vec<f32> = values(width * height * 4, 31).iter().map(|v| v - 0.5).collect();
     let (image, gradients) = common::gradients(scene, s, &weights, &cpu());
@@ -233,7 +233,7 @@ fn ssim_of_three_and_four_channels(on: Tested) {
 
 fn total_variation_of_both_kinds_by_mean_and_by_sum(on: Tested) {
     let shape = shape(8);
-    let (mean, sum) = (TvReduction::Mean, TvReduction::Sum);
+    let (mean, sum) = (DifferenceReduction::Mean, DifferenceReduction::Sum);
     for (kind, reduction) in
         [(TvKind::First, mean), (TvKind::First, sum), (TvKind::Second, mean), (TvKind::Second, sum)]
     {

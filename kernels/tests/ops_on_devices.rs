@@ -14,7 +14,7 @@ use volseggs_kernels::march::{RaySamples, composite, reference as march_referenc
 use volseggs_kernels::photometric::{Distance, photometric_loss, reference as photometric_reference};
 use volseggs_kernels::sine::sine;
 use volseggs_kernels::ssim::{mean_ssim, reference as ssim_reference};
-use volseggs_kernels::tv::{TvKind, TvReduction, TvWeights, reference as tv_reference, total_variation};
+use volseggs_kernels::tv::{DifferenceReduction, TvKind, TvWeights, reference as tv_reference, total_variation};
 
 fn values(n: usize, seed: u64) -> Vec<f32> {
     let mut r = Numbers(seed);
@@ -56,7 +56,7 @@ fn field_gradients_match_the_reference(on: Tested) {
         ]
     });
     let (planes, lines, times) = (wide(&planes), wide(&lines), wide(&times));
-    let params = field_reference::Params { planes: &planes, lines: &lines, times: &times };
+    let params = field_reference::FieldParamsF64 { planes: &planes, lines: &lines, times: &times };
     let time = f64::from(0.37f32);
     let tolerance = on.within(1e-5, 1e-4);
     assert!(relative_error(&ours[0], &field_reference::forward(&shape, params, &wide(&points), time)) < tolerance);
@@ -159,7 +159,7 @@ fn total_variation_and_its_gradients_match_the_reference(on: Tested) {
     let shape = shape();
     let parameters = [values(shape.planes_len(), 8), values(shape.lines_len(), 9), values(shape.times_len(), 10)];
     let spans = [shape.plane_spans(), shape.line_spans(), shape.time_spans()];
-    let (mean, sum) = (TvReduction::Mean, TvReduction::Sum);
+    let (mean, sum) = (DifferenceReduction::Mean, DifferenceReduction::Sum);
     for (kind, reduction) in
         [(TvKind::First, mean), (TvKind::First, sum), (TvKind::Second, mean), (TvKind::Second, sum)]
     {
@@ -289,7 +289,7 @@ fn tensors_of_other_shapes_are_refused(on: Tested) {
     let lens = [shape.planes_len(), shape.lines_len(), shape.times_len()];
     let points = Tensor::<2>::zeros([4, 3], device);
     let of = |[p, l, t]: [usize; 3]| drop(field(zeros(p), zeros(l), zeros(t), points.clone(), &shape, 0.5));
-    let reduction = TvReduction::Mean;
+    let reduction = DifferenceReduction::Mean;
     let weights = TvWeights { space: 1.0, time: 1.0, one_prior_space: 0.0, one_prior_time: 0.0, reduction };
     let tv = |[p, l, t]: [usize; 3]| {
         drop(total_variation(zeros(p), zeros(l), zeros(t), &shape, TvKind::First, weights));

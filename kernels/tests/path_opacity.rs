@@ -7,7 +7,7 @@ mod common;
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{Tested, camera, noise, settings, to_vec};
 use volseggs_kernels::path_opacity::path_opacity;
-use volseggs_kernels::path_opacity::reference::{Seen, logit};
+use volseggs_kernels::path_opacity::reference::{SeenGaussian, logit};
 use volseggs_kernels::splat::contributors::contributors;
 use volseggs_kernels::splat::{Rendering, SplatInputs, splat};
 
@@ -44,7 +44,7 @@ fn run(inputs: &Inputs, exponent: f32, weights: &[f32], device: &Device) -> (Vec
 
 fn reference(inputs: &[Vec<f64>; 4], exponent: f32) -> Vec<f64> {
     let [means, rotations, log_scales, logits] = inputs;
-    let seen = |i: usize| Seen {
+    let seen = |i: usize| SeenGaussian {
         mean: std::array::from_fn(|c| means[3 * i + c]),
         rotation: std::array::from_fn(|c| rotations[4 * i + c]),
         log_scales: std::array::from_fn(|c| log_scales[3 * i + c]),

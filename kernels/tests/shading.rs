@@ -7,8 +7,8 @@ mod common;
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{Tested, noise};
 use volseggs_kernels::sh::C0;
-use volseggs_kernels::shading::reference::{Lit, colour};
-use volseggs_kernels::shading::{Light, Material, Shading, shaded};
+use volseggs_kernels::shading::reference::{LitGaussian, colour};
+use volseggs_kernels::shading::{GaussianShading, Light, Material, shaded};
 
 const N: usize = 7;
 const K: usize = 4;
@@ -30,7 +30,7 @@ fn run(inputs: &[Vec<f32>; 5], light: Light, weights: &[f32], device: &Device) -
     let (means, rotations, normals) = (rows(&inputs[0], 3), rows(&inputs[1], 4), rows(&inputs[3], 3));
     let sh = Tensor::<3>::from_data(TensorData::new(inputs[2].clone(), [n, K, 3]), device).require_grad();
     let material = Tensor::<1>::from_data(TensorData::new(inputs[4].clone(), [3]), device).require_grad();
-    let shading = Shading { normals: normals.clone(), material: material.clone(), light };
+    let shading = GaussianShading { normals: normals.clone(), material: material.clone(), light };
     let out = shaded(means.clone(), rotations.clone(), sh.clone(), &shading, EYE);
     let weights = Tensor::<3>::from_data(TensorData::new(weights.to_vec(), [n, K, 3]), device);
     let g = (out.clone() * weights).sum().backward();
@@ -53,7 +53,7 @@ fn reference(inputs: &[Vec<f64>; 5], light: Light) -> Vec<f64> {
     let triple = |v: &[f64], i: usize| [v[i], v[i + 1], v[i + 2]];
     let mut out = sh.clone();
     for i in 0..means.len() / 3 {
-        let lit = Lit {
+        let lit = LitGaussian {
             mean: triple(means, 3 * i),
             rotation: std::array::from_fn(|c| rotations[4 * i + c]),
             sh: triple(sh, 3 * K * i),

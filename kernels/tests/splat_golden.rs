@@ -5,12 +5,12 @@ mod common;
 
 use common::{COVARIANCE_FIELDS, FIELDS, Tested, by_covariances, distance, to_factors};
 use safetensors::SafeTensors;
-use volseggs_kernels::Camera;
+use volseggs_kernels::PinholeCamera;
 use volseggs_kernels::splat::reference::{self, Cutoffs};
 use volseggs_kernels::splat::{Rendering, SplatSettings};
 
 struct Golden {
-    scene: reference::Scene,
+    scene: reference::ReferenceScene,
     settings: SplatSettings,
     degree: usize,
     image: Vec<f64>,
@@ -42,7 +42,7 @@ fn load(name: &str) -> Golden {
         }
     };
     let (k, view, background) = (get("K"), get("viewmat"), get("background"));
-    let camera = Camera {
+    let camera = PinholeCamera {
         width: get("width")[0] as usize,
         height: get("height")[0] as usize,
         fx: k[0] as f32,
@@ -54,7 +54,7 @@ fn load(name: &str) -> Golden {
     };
     let sh_stride = file.tensor("sh").unwrap().shape()[1];
     let (scales, opacities) = (get("scales"), get("opacities"));
-    let scene = reference::Scene {
+    let scene = reference::ReferenceScene {
         means: get("means"),
         rotations: get("quats"),
         log_scales: scales.iter().map(|s| s.ln()).collect(),
@@ -168,7 +168,7 @@ fn gradients_match(on: Tested) {
     for name in ["sh0", "sh3", "edge"] {
         let g = load(name);
         let by_image: Vec<f32> = g.by_image().into_iter().map(|v| v as f32).collect();
-        let gradients = |scene: &reference::Scene| -> Vec<Vec<f64>> {
+        let gradients = |scene: &reference::ReferenceScene| -> Vec<Vec<f64>> {
             let (_, of) = common::gradients(scene, g.settings, &by_image, &on.device);
             of.iter().map(|v| v.iter().map(|&v| f64::from(v)).collect()).collect()
         };

@@ -10,7 +10,7 @@ use common::{
     COEFFICIENTS, Numbers, Tested, by_covariances, camera, fields, highest_degree, random_scene_of, rounded, settings,
 };
 use volseggs_kernels::splat::contributors::reference::contributors;
-use volseggs_kernels::splat::reference::{Cutoffs, Scene, backward, render};
+use volseggs_kernels::splat::reference::{Cutoffs, ReferenceScene, backward, render};
 use volseggs_kernels::splat::{DILATION, SplatSettings};
 
 /// Returns the gradient of a loss with respect to the image, rounded to f32.
@@ -19,12 +19,12 @@ fn weights(settings: &SplatSettings, seed: u64) -> Vec<f64> {
     (0..settings.camera.width * settings.camera.height * 4).map(|_| f64::from(r.normal() as f32)).collect()
 }
 
-fn loss(scene: &Scene, settings: &SplatSettings, cutoffs: Cutoffs, weights: &[f64]) -> f64 {
+fn loss(scene: &ReferenceScene, settings: &SplatSettings, cutoffs: Cutoffs, weights: &[f64]) -> f64 {
     render(scene, settings, cutoffs).iter().zip(weights).map(|(v, w)| v * w).sum()
 }
 
 /// Returns the gradient by difference quotients of fourth order, entry by entry.
-fn quotients(scene: &Scene, settings: &SplatSettings, cutoffs: Cutoffs, weights: &[f64]) -> Scene {
+fn quotients(scene: &ReferenceScene, settings: &SplatSettings, cutoffs: Cutoffs, weights: &[f64]) -> ReferenceScene {
     let mut out = scene.clone();
     for (name, field) in fields(scene) {
         // covariances are squared lengths, and small
@@ -55,7 +55,7 @@ fn worst(ours: &[f64], exact: &[f64]) -> f64 {
 }
 
 /// Returns the position of Gaussian `i` in camera space.
-fn in_camera(scene: &Scene, settings: &SplatSettings, i: usize) -> [f64; 3] {
+fn in_camera(scene: &ReferenceScene, settings: &SplatSettings, i: usize) -> [f64; 3] {
     let camera = &settings.camera;
     std::array::from_fn(|r| {
         let turned: f64 = (0..3).map(|k| f64::from(camera.rotation[r][k]) * scene.means[3 * i + k]).sum();
@@ -64,12 +64,12 @@ fn in_camera(scene: &Scene, settings: &SplatSettings, i: usize) -> [f64; 3] {
 }
 
 /// Returns the scene by rotations and scales, and by covariances; both rounded to f32.
-fn both_kinds(scene: &Scene) -> [(&'static str, Scene); 2] {
+fn both_kinds(scene: &ReferenceScene) -> [(&'static str, ReferenceScene); 2] {
     [("factored", rounded(scene.clone())), ("entries", rounded(by_covariances(scene.clone())))]
 }
 
 /// Returns the smallest distance between two depths, to rule out that a step changes their order.
-fn depth_gap(scene: &Scene, settings: &SplatSettings) -> f64 {
+fn depth_gap(scene: &ReferenceScene, settings: &SplatSettings) -> f64 {
     let mut depths: Vec<f64> = (0..scene.opacity_logits.len()).map(|i| in_camera(scene, settings, i)[2]).collect();
     depths.sort_by(f64::total_cmp);
     depths.windows(2).map(|w| w[1] - w[0]).fold(f64::INFINITY, f64::min)
@@ -77,7 +77,7 @@ fn depth_gap(scene: &Scene, settings: &SplatSettings) -> f64 {
 
 /// Returns a scene that has, besides random Gaussians, two so far off the axis that their slopes are clamped, one with
 /// a clamped colour channel, one with an opacity above 0.99, and offsets on screen.
-fn with_everything(n: usize, coefficients: usize, seed: u64) -> Scene {
+fn with_everything(n: usize, coefficients: usize, seed: u64) -> ReferenceScene {
     let mut scene = random_scene_of(n, coefficients, seed);
     let mut r = Numbers(seed + 100);
     scene.means[..6].copy_from_slice(&[2.0, 0.2, -0.3, 0.1, -1.9, 0.4]);
@@ -120,10 +120,10 @@ fn the_reference_gradient_matches_the_image_without_cutoffs() {
 /// Compares the kernels' gradients with `exact`.
 fn check(
     on: &Tested,
-    scene: &Scene,
+    scene: &ReferenceScene,
     settings: SplatSettings,
     by_image: &[f64],
-    mut exact: Scene,
+    mut exact: ReferenceScene,
     tolerance: f64,
     what: &str,
 ) {

@@ -5,7 +5,7 @@ use super::values::{pixels, point};
 use crate::data::Surroundings;
 use crate::run::cameras::ViewChoice;
 use crate::run::saved::SavedView;
-use crate::run::{OpenRun, Trained};
+use crate::run::{OpenRun, TrainedModel};
 use clap::Args;
 use glam::DVec3;
 use std::path::Path;
@@ -60,7 +60,7 @@ impl ViewArgs {
 }
 
 /// The surroundings of a run, `width` pixels wide if that is given.
-pub(super) fn surroundings<S: Trained>(run: &OpenRun<S>, width: Option<u32>) -> Surroundings {
+pub(super) fn surroundings<S: TrainedModel>(run: &OpenRun<S>, width: Option<u32>) -> Surroundings {
     let around = run.record.surroundings;
     width.map_or(around, |width| around.sized(width))
 }

@@ -89,11 +89,11 @@ impl ConfigSource {
 )]
 pub struct ConfigArgs {
     #[command(subcommand)]
-    action: Action,
+    action: ConfigAction,
 }
 
 #[derive(Debug, Subcommand)]
-enum Action {
+enum ConfigAction {
     /// Show every key with its value and where the value came from, if a training could start with them.
     Show {
         #[command(flatten)]
@@ -111,16 +111,16 @@ enum Action {
 impl ConfigArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         match self.action {
-            Action::Show { source, json } => {
+            ConfigAction::Show { source, json } => {
                 let resolved = source.resolve()?;
                 method::check(&resolved.value)?;
                 if json { super::print_json(&resolved.value)? } else { out!("{}", resolved.show()) }
             }
-            Action::Schema => {
+            ConfigAction::Schema => {
                 method::add_sections();
                 super::print_json(&file_schema(&Config::default()))?;
             }
-            Action::Presets => method::presets().into_iter().for_each(|(name, text)| {
+            ConfigAction::Presets => method::presets().into_iter().for_each(|(name, text)| {
                 let comment: Vec<&str> = text.lines().map_while(|l| l.strip_prefix("# ")).collect();
                 outln!("{name}: {}", comment.join(" "));
             }),

@@ -1,7 +1,7 @@
 //! The place of a run's dataset, shared by every command that may read it.
 
 use super::CliError;
-use crate::run::{OpenRun, Trained};
+use crate::run::{OpenRun, TrainedModel};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -19,7 +19,7 @@ impl DataArgs {
     ///
     /// # Errors
     /// If the folder does not hold the dataset that the run was trained on.
-    pub(super) fn of<S: Trained>(&self, run: OpenRun<S>) -> Result<OpenRun<S>, CliError> {
+    pub(super) fn apply_to<S: TrainedModel>(&self, run: OpenRun<S>) -> Result<OpenRun<S>, CliError> {
         Ok(run.with_dataset(self.data.as_deref())?)
     }
 }

@@ -1,6 +1,6 @@
 //! `volseggs demo`
 
-use super::{CliError, Common, print_json, stop_flag};
+use super::{CliError, CommonArgs, print_json, stop_flag};
 use crate::demo::{DemoError, DemoOptions, demo};
 use crate::shell;
 use clap::Args;
@@ -16,7 +16,7 @@ pub struct DemoArgs {
     #[command(flatten)]
     options: DemoOptions,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl DemoArgs {

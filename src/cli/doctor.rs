@@ -16,7 +16,7 @@ pub struct DoctorArgs {
 }
 
 #[derive(Serialize)]
-struct Report {
+struct DoctorReport {
     version: &'static str,
     /// Null if the executable cannot be read.
     build: Option<&'static Build>,
@@ -87,7 +87,7 @@ impl DoctorArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let devices = DeviceName::all().into_iter().map(device).collect();
         let build = program::build();
-        let report = Report {
+        let report = DoctorReport {
             version: env!("CARGO_PKG_VERSION"),
             build: build.as_ref().ok().copied(),
             devices,

@@ -3,20 +3,20 @@
 use super::error::or_elsewhere;
 use super::eval_segments::SegmentFlags;
 use super::values::count;
-use super::{CliError, Common, command_line, print_json};
+use super::{CliError, CommonArgs, command_line, print_json};
 use crate::data::SplitName;
 use crate::eval::diagnosis;
 use crate::eval::results::KIND;
 use crate::eval::run::Summary;
-use crate::eval::speed::Speed;
-use crate::files::{FolderKind, Work};
+use crate::eval::speed::RenderSpeed;
+use crate::files::{FolderKind, LockDuration};
 use crate::log::progress;
 use crate::memory::MIB;
 use crate::metrics::lpips::LpipsNet;
 use crate::metrics::metric::{Networks, display};
 use crate::metrics::values::MetricValues;
 use crate::run::measure::{MeasuredOn, measure};
-use crate::run::{AnyRun, OpenRun, Trained};
+use crate::run::{AnyRun, OpenRun, TrainedModel};
 use crate::versioned::Versioned;
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -50,7 +50,7 @@ pub struct EvalArgs {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
     // a heading stays in force for what follows
     #[command(flatten)]
     segments: SegmentFlags,
@@ -61,7 +61,9 @@ impl EvalArgs {
         let (name, device) = self.common.device()?;
         let run = match &self.out {
             Some(_) => AnyRun::open_any(&self.run, &device)?,
-            None => AnyRun::open_locked(&self.run, &device, &command_line(), Work::Long).map_err(or_elsewhere)?,
+            None => {
+                AnyRun::open_locked(&self.run, &device, &command_line(), LockDuration::Long).map_err(or_elsewhere)?
+            }
         };
         let networks = Networks::load(&self.lpips_weights, &device).map_err(CliError::input)?;
         if let (false, Some(flag)) = (self.segments.segments, self.segments.settings.given()) {
@@ -76,7 +78,7 @@ impl EvalArgs {
                 )));
             }
             let out = self.out.as_deref();
-            let run = self.segments.settings.of(run.gaussians()?)?;
+            let run = self.segments.settings.apply_to(run.gaussians()?)?;
             return self.segments.run(&run, self.data.as_deref(), out, networks.lpips(), self.common.json);
         }
         let split = run.measured(self.split, self.data.as_deref(), self.views)?;
@@ -133,7 +135,7 @@ fn metric_lines(values: &MetricValues) -> Vec<String> {
 
 /// Prints the frames per second. On a CPU, images are on the host anyway: both figures measure the same, and their mean is
 /// printed, with the two if they differ.
-fn print_speed(speed: &Speed, on_cpu: bool, drawn: &str) {
+fn print_speed(speed: &RenderSpeed, on_cpu: bool, drawn: &str) {
     let (frames, with_copy) = (speed.fps_frames, speed.fps_with_copy);
     let of = |frames: usize, spread: &str| format!("({frames} frames{spread}): {drawn}, repeated for each frame");
     let fps = speed.fps;
@@ -161,7 +163,7 @@ fn print_diagnosis(summary: &Summary) {
 }
 
 /// The folder of results called `what`, or the one given with --out; prints any notes about the evaluation data.
-pub(super) fn results<S: Trained>(
+pub(super) fn results<S: TrainedModel>(
     run: &OpenRun<S>,
     on: &MeasuredOn,
     what: &str,

@@ -6,12 +6,12 @@ use super::time::TimeArg;
 use super::{CliError, print_json, stop_flag};
 use crate::data::{Camera, SplitName, Truth};
 use crate::eval::segments::{
-    KIND, Method, SegmentEvalError, SegmentOptionError, SegmentOptions, evaluate_segments, markdown,
+    KIND, SegmentEvalError, SegmentEvalOptions, SegmentOptionError, SelectionMethod, evaluate_segments, markdown,
     write_mask_pictures, write_results,
 };
 use crate::files::{AtomicDir, check_file};
 use crate::log::progress;
-use crate::memory::{Budget, product};
+use crate::memory::{MemoryBudget, product};
 use crate::metrics::lpips::Lpips;
 use crate::run::OpenRun;
 use crate::run::measure::MeasuredOn;
@@ -29,9 +29,9 @@ pub(super) struct SegmentFlags {
     #[arg(long)]
     pub segments: bool,
     #[command(flatten)]
-    options: SegmentOptions,
+    options: SegmentEvalOptions,
     /// Time of the clicks, in [0, 1] or a time of the data, such as data:150; the nearest training time is used, and segments are tracked to the other times.
-    #[arg(long, value_name = "T", default_value_t = TimeArg::Scene(SegmentOptions::default().time), allow_negative_numbers = true, requires = "segments")]
+    #[arg(long, value_name = "T", default_value_t = TimeArg::Scene(SegmentEvalOptions::default().time), allow_negative_numbers = true, requires = "segments")]
     time: TimeArg,
     /// Write the pictures for another program to segment into this folder and measure nothing; then pass its masks with
     /// --masks dir and the same options.
@@ -51,15 +51,15 @@ impl SegmentFlags {
         json: bool,
     ) -> Result<(), CliError> {
         let views = product(&[self.options.views, 4 * size_of::<Camera>()]);
-        Budget::now().check(format!("--mask-views {}", self.options.views), views).map_err(CliError::input)?;
+        MemoryBudget::now().check(format!("--mask-views {}", self.options.views), views).map_err(CliError::input)?;
         let gaussians = run.scene.gaussians.count();
         if let Some(k) = self.options.clusters.filter(|k| *k > gaussians) {
             return Err(CliError::input(format!("--clusters {k}: the scene has only {gaussians} Gaussians")));
         }
         self.check_mask_pictures()?;
         let mut options = self.options.clone();
-        options.methods = Method::ALL.into_iter().filter(|m| self.options.methods.contains(m)).collect();
-        options.time = self.time.of("--time", run.calibration())?;
+        options.methods = SelectionMethod::ALL.into_iter().filter(|m| self.options.methods.contains(m)).collect();
+        options.time = self.time.to_scene_time("--time", run.calibration())?;
         options.segment = run.config.segment.clone();
         options.check().map_err(option_error)?;
         let root = run.dataset_or(data)?;
@@ -114,7 +114,7 @@ impl SegmentFlags {
 
 /// Words what is wrong with an option for the command line, where keys are flags.
 fn option_error(error: SegmentOptionError) -> CliError {
-    let command = SegmentOptions::augment_args(Command::new(""));
+    let command = SegmentEvalOptions::augment_args(Command::new(""));
     let flag = |key: &str| {
         // the id of an argument is its key, of `views` with a prefix
         let long = command.get_arguments().find(|arg| arg.get_id().as_str().ends_with(key)).and_then(Arg::get_long);
@@ -142,7 +142,7 @@ fn eval_error(error: SegmentEvalError) -> CliError {
 fn write_pictures(
     run: &OpenRun,
     truth: &Truth,
-    options: &SegmentOptions,
+    options: &SegmentEvalOptions,
     folder: &Path,
     json: bool,
 ) -> Result<(), CliError> {

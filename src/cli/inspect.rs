@@ -12,7 +12,7 @@ use crate::export::ply;
 use crate::files::{RunPaths, check_file, write_named};
 use crate::memory::MIB;
 use crate::model::scene_file::{read_tensors, refuse_not_finite};
-use crate::run::contents::{Contents, Item};
+use crate::run::contents::{RunContents, RunItem};
 use crate::train::checkpoint;
 use crate::volume::formats::{READ, not_read};
 use clap::Args;
@@ -137,13 +137,13 @@ impl InspectArgs {
     }
 
     fn run_folder(&self) -> Result<(), CliError> {
-        let found = Contents::list(&self.path);
+        let found = RunContents::list(&self.path);
         if self.json {
             let mut value = serde_json::to_value(&found).map_err(CliError::failure)?;
             value["kind"] = "run".into();
             print_json(&value)?;
         } else {
-            for Item { file, detail, ok } in &found.files {
+            for RunItem { file, detail, ok } in &found.files {
                 outln!("{:4} {file}: {detail}", if *ok { "ok" } else { "FAIL" });
             }
             if let Some(psnr) = found.test_psnr {

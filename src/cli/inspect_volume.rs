@@ -4,9 +4,9 @@ use super::{CliError, print_json};
 use crate::export::images::encode_png;
 use crate::files::write_named;
 use crate::volume::formats::format_of;
-use crate::volume::picture::{Bins, transfer_picture};
-use crate::volume::series::{Scan, Series, SeriesOptions};
-use crate::volume::source::Variable;
+use crate::volume::picture::{HistogramBins, transfer_picture};
+use crate::volume::series::{Series, SeriesOptions, SeriesScan};
+use crate::volume::source::VolumeVariable;
 use crate::volume::transfer::TransferFunction;
 use serde_json::json;
 use std::path::Path;
@@ -42,7 +42,7 @@ pub(super) fn inspect_volume(
             (Series::open(&inputs, &options)?, Some(e.to_string()))
         }
     };
-    let Scan { range, not_finite } = series.scan()?;
+    let SeriesScan { range, not_finite } = series.scan()?;
     let grid = series.grid();
     let skipped = (not_finite > 0).then(|| {
         format!(
@@ -86,7 +86,7 @@ pub(super) fn inspect_volume(
         }
         outln!("type     {}", series.scalar().name());
         if let Some(read) = series.variable() {
-            let array = |v: &Variable| match (v.name == read, v.components) {
+            let array = |v: &VolumeVariable| match (v.name == read, v.components) {
                 (true, _) => format!("{} (read)", v.name),
                 (false, 1) => v.name.clone(),
                 (false, n) => format!("{} ({n} components)", v.name),
@@ -105,7 +105,7 @@ pub(super) fn inspect_volume(
     if let (Some(file), Some((tf, span))) = (picture, function) {
         let middle = series.len() / 2;
         let whole = series.load(middle)?.values.iter().all(|v| v.fract() == 0.0);
-        let bins = Bins::new(span, whole, BINS);
+        let bins = HistogramBins::new(span, whole, BINS);
         let range = bins.range.map(|v| v as f32);
         let histogram = series.histogram(middle, bins.count, range)?;
         let title = format!("{} - {}", tf.name, series.name(middle));

@@ -2,7 +2,7 @@
 
 use super::{CliError, print_json};
 use crate::memory::Bytes;
-use crate::metrics::lpips::convert::{Input, convert};
+use crate::metrics::lpips::convert::{InputFile, convert};
 use crate::shell;
 use clap::Args;
 use std::path::PathBuf;
@@ -40,7 +40,7 @@ impl LpipsArgs {
         if self.json {
             return print_json(&made);
         }
-        let line = |input: &Input| {
+        let line = |input: &InputFile| {
             let origin = if input.published { ", the published file" } else { "" };
             format!("{}: {} tensors{origin}", input.file.display(), input.tensors)
         };

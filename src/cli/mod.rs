@@ -43,8 +43,8 @@ mod help_tests;
 pub use error::CliError;
 
 use crate::device::DeviceName;
-use crate::files::Work;
-use crate::memory::{Budget, Bytes};
+use crate::files::LockDuration;
+use crate::memory::{Bytes, MemoryBudget};
 use crate::run::OpenRun;
 use crate::words::plain;
 use burn::tensor::Device;
@@ -96,7 +96,7 @@ enum Command {
 
 /// Options shared by all commands.
 #[derive(Debug, Clone, Args)]
-pub struct Common {
+pub struct CommonArgs {
     /// Device to run on: flex, ndarray or wgpu (and cuda, tch if compiled in; see `volseggs doctor`).
     #[arg(long, default_value = "flex", value_name = "NAME")]
     pub device: String,
@@ -105,7 +105,7 @@ pub struct Common {
     pub json: bool,
 }
 
-impl Common {
+impl CommonArgs {
     fn device(&self) -> Result<(DeviceName, Device), CliError> {
         let name: DeviceName = self.device.parse().map_err(CliError::input)?;
         Ok((name, name.open().map_err(CliError::input)?))
@@ -117,7 +117,7 @@ impl Common {
     }
 
     /// Opens a run for writing, see [`OpenRun::open_to_write`].
-    fn open_to_write(&self, run: &Path, work: Work) -> Result<OpenRun, CliError> {
+    fn open_to_write(&self, run: &Path, work: LockDuration) -> Result<OpenRun, CliError> {
         Ok(OpenRun::open_to_write(run, &self.device()?.1, &command_line(), work)?)
     }
 }
@@ -223,7 +223,7 @@ impl Cli {
     /// A message for the terminal, with the exit code.
     pub fn run(self) -> Result<(), CliError> {
         if let Some(bytes) = self.memory {
-            Budget::allow(bytes);
+            MemoryBudget::allow(bytes);
         }
         match self.command {
             Command::Demo(args) => args.run(),

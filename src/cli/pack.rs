@@ -1,6 +1,6 @@
 //! `volseggs pack`
 
-use super::{CliError, Common, print_json};
+use super::{CliError, CommonArgs, print_json};
 use crate::run::pack::pack;
 use crate::shell;
 use clap::Args;
@@ -18,7 +18,7 @@ pub struct PackArgs {
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl PackArgs {

@@ -4,11 +4,12 @@ use super::prepare_inputs::{ComponentArgs, ShadingArgs, segment_steps};
 use super::values::{count, finite, finite_f32, number, pixels, positive};
 use super::{CliError, print_json, stop_flag};
 use crate::data::paths::{Axis, RADIUS};
-use crate::log::progress::{Lines, image_bar};
+use crate::log::progress::{ProgressLines, image_bar};
 use crate::name::Name;
-use crate::prepare::views::{Times, ViewOptions};
+use crate::prepare::views::{TrainingTimes, ViewOptions};
 use crate::prepare::{
-    FileLabels, LENGTHS, PrepareError, PrepareOptions, SegmentOptions, SegmentSteps, Source, image_count, prepare,
+    FileLabels, LENGTHS, PrepareError, PrepareOptions, PrepareSource, SegmentOptions, SegmentSteps, image_count,
+    prepare,
 };
 use crate::shell;
 use crate::versioned::Versioned;
@@ -148,7 +149,7 @@ impl PrepareArgs {
             self.size[0],
             self.size[1]
         );
-        if let Source::Files { series, labels } = &source {
+        if let PrepareSource::Files { series, labels } = &source {
             series.notes().iter().for_each(|n| errln!("note: {n}"));
             if let FileLabels::Files { series, .. } = labels {
                 series.notes().iter().for_each(|n| errln!("note: labels: {n}"));
@@ -157,7 +158,7 @@ impl PrepareArgs {
         let stop = stop_flag("stopping; nothing is written")?;
         let total = image_count(&source, &options);
         let bar = image_bar(total);
-        let lines = (!std::io::stderr().is_terminal()).then(|| Lines::new(0, total));
+        let lines = (!std::io::stderr().is_terminal()).then(|| ProgressLines::new(0, total));
         let started = Instant::now();
         let progress = |done: usize| {
             bar.set_position(done as u64);
@@ -175,7 +176,7 @@ impl PrepareArgs {
             PrepareError::Options(_) | PrepareError::Memory(_) | PrepareError::Empty { .. } => CliError::input(e),
         })?;
         bar.finish_and_clear();
-        if let Source::Files { series, .. } = &source
+        if let PrepareSource::Files { series, .. } = &source
             && let Some(note) = series.rounding()
         {
             errln!("note: {note}");
@@ -207,9 +208,9 @@ impl PrepareArgs {
         if self.json { print_json(&Versioned::new(&record)) } else { Ok(()) }
     }
 
-    fn source(&self) -> Result<Source, CliError> {
+    fn source(&self) -> Result<PrepareSource, CliError> {
         if let Some(scene) = self.synthetic {
-            return Ok(Source::Synthetic { scene, dims: [self.dims; 3], steps: self.series_steps });
+            return Ok(PrepareSource::Synthetic { scene, dims: [self.dims; 3], steps: self.series_steps });
         }
         let options = SeriesOptions {
             nan_as: self.nan,
@@ -251,7 +252,7 @@ impl PrepareArgs {
             })?;
             FileLabels::Files { series: Box::new(labels), names: self.label_names.clone() }
         };
-        Ok(Source::Files { series: Box::new(series), labels })
+        Ok(PrepareSource::Files { series: Box::new(series), labels })
     }
 
     fn transfer(&self) -> Result<TransferFunction, CliError> {
@@ -282,7 +283,11 @@ impl PrepareArgs {
                 LENGTHS.end()
             )));
         }
-        let times = if self.steps.is_empty() { Times::Count(self.times) } else { Times::Steps(self.steps.clone()) };
+        let times = if self.steps.is_empty() {
+            TrainingTimes::Count(self.times)
+        } else {
+            TrainingTimes::Steps(self.steps.clone())
+        };
         Ok(PrepareOptions {
             views: ViewOptions {
                 size: self.size,

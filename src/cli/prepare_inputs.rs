@@ -2,7 +2,7 @@
 
 use super::CliError;
 use super::values::{count, finite_f32, not_negative_f32, positive_f32};
-use crate::memory::{Budget, product};
+use crate::memory::{MemoryBudget, product};
 use crate::prepare::{FileLabels, SegmentSteps};
 use crate::volume::components::{DEFAULT_MIN_VOXELS, PartOptions, PartsError, VOXEL_BYTES};
 use crate::volume::series::Series;
@@ -58,7 +58,7 @@ impl ComponentArgs {
         let [x, y, z] = series.grid().dims;
         let bytes = product(&[x, y, z, size_of::<f32>() + VOXEL_BYTES]);
         let what = format!("--components in a volume of {x} x {y} x {z} voxels");
-        Budget::now().check(what, bytes).map_err(CliError::input)?;
+        MemoryBudget::now().check(what, bytes).map_err(CliError::input)?;
         let options = PartOptions { value, smallest: self.smallest_component };
         let labels = FileLabels::parts(series, options).map_err(|e| match e {
             PartsError::Volume(e) => e.into(),

@@ -1,11 +1,11 @@
 //! `volseggs raycast`
 
 use super::values::{count, finite_f32};
-use super::{CliError, Common, print_json};
+use super::{CliError, CommonArgs, print_json};
 use crate::data::dataset::read_views;
 use crate::data::{Normalisation, SplitName};
 use crate::program;
-use crate::run::rendering::{Prepared, VolumeCosts, draw_run, table};
+use crate::run::rendering::{PreparedDataset, VolumeCosts, draw_run, table};
 use crate::run::{AnyRun, dataset_of};
 use crate::volume::series::{Series, SeriesOptions};
 use clap::Args;
@@ -49,7 +49,7 @@ pub struct RaycastArgs {
     #[arg(long, hide = true, value_name = "FACTOR")]
     volumes_alone: Option<u32>,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl RaycastArgs {
@@ -66,7 +66,7 @@ impl RaycastArgs {
             variable: self.variable.clone(),
             ..SeriesOptions::default()
         };
-        let (prepared, series) = (Prepared::open(&data)?, Series::open(&self.volume, &options)?);
+        let (prepared, series) = (PreparedDataset::open(&data)?, Series::open(&self.volume, &options)?);
         // invalid input is reported before anything is measured
         prepared.check(&series)?;
         let views =

@@ -1,7 +1,7 @@
 //! `volseggs relocate`
 
-use super::{CliError, Common, command_line, print_json};
-use crate::files::Work;
+use super::{CliError, CommonArgs, command_line, print_json};
+use crate::files::LockDuration;
 use crate::run::AnyRun;
 use crate::run::relocate::relocate;
 use crate::versioned::Versioned;
@@ -20,13 +20,13 @@ pub struct RelocateArgs {
     #[arg(long, value_name = "DATASET")]
     data: PathBuf,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl RelocateArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (_, device) = self.common.device()?;
-        let run = AnyRun::open_locked(&self.run, &device, &command_line(), Work::Short)?;
+        let run = AnyRun::open_locked(&self.run, &device, &command_line(), LockDuration::Short)?;
         let run = relocate(run, &self.data)?;
         if self.common.json {
             return print_json(&Versioned::new(&run.record));

@@ -2,12 +2,12 @@
 
 #[cfg(unix)]
 use crate::shell;
-use crate::view::listen::Serving;
+use crate::view::listen::ViewerAddress;
 #[cfg(unix)]
 use crate::view::local;
 
 /// Prints what a user has to know besides the address.
-pub(super) fn explain(serving: &Serving, end: &str) {
+pub(super) fn explain(serving: &ViewerAddress, end: &str) {
     if !serving.address.ip().is_loopback() {
         errln!("note: other machines can reach this address, and connections are not encrypted");
     }
@@ -20,7 +20,7 @@ pub(super) fn explain(serving: &Serving, end: &str) {
 /// The command that reaches the viewer from the machine from which the user connected by ssh; always given for a socket
 /// file.
 #[cfg(unix)]
-fn forwarding(Serving { address, socket, .. }: &Serving) -> Option<String> {
+fn forwarding(ViewerAddress { address, socket, .. }: &ViewerAddress) -> Option<String> {
     let port = address.port();
     let to = match socket {
         Some(path) => shell::path(&std::path::absolute(path).unwrap_or_else(|_| path.clone())),
@@ -32,6 +32,6 @@ fn forwarding(Serving { address, socket, .. }: &Serving) -> Option<String> {
 }
 
 #[cfg(not(unix))]
-fn forwarding(_: &Serving) -> Option<String> {
+fn forwarding(_: &ViewerAddress) -> Option<String> {
     None
 }

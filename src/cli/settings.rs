@@ -26,13 +26,13 @@ impl SegmentSettings {
     ///
     /// # Errors
     /// If one is unknown or out of range.
-    pub(super) fn of(&self, run: OpenRun) -> Result<OpenRun, CliError> {
+    pub(super) fn apply_to(&self, run: OpenRun) -> Result<OpenRun, CliError> {
         Ok(run.segmented_by(self.config.as_deref(), &self.set)?)
     }
 }
 
 /// Sets a key to the value of an option, if that was given.
-pub(super) fn put<T>(key: &mut T, given: Option<T>) {
+pub(super) fn set_if_given<T>(key: &mut T, given: Option<T>) {
     if let Some(value) = given {
         *key = value;
     }

@@ -45,7 +45,7 @@ impl TimeArg {
     ///
     /// # Errors
     /// If the times of the data are unknown, or it is outside of them.
-    pub(super) fn of(self, flag: &str, calibration: &Calibration) -> Result<f64, CliError> {
+    pub(super) fn to_scene_time(self, flag: &str, calibration: &Calibration) -> Result<f64, CliError> {
         let time = match self {
             Self::Scene(time) => return Ok(time),
             Self::Data(time) => time,
@@ -77,7 +77,7 @@ mod tests {
         let known =
             Calibration { time: Some(PhysicalTime { start: 100.0, end: 300.0, unit: Some("s".into()) }), space: None };
         let of = |text: &str, calibration: &Calibration| {
-            text.parse::<TimeArg>().unwrap().of("--time", calibration).map_err(|e| e.to_string())
+            text.parse::<TimeArg>().unwrap().to_scene_time("--time", calibration).map_err(|e| e.to_string())
         };
         for (text, time) in [("0.5", 0.5), ("data:150", 0.25), ("data: 300", 1.0), ("data:1e2", 0.0)] {
             assert_eq!(of(text, &known), Ok(time), "{text}");

@@ -5,16 +5,16 @@ use super::data::DataArgs;
 use super::error::or_elsewhere;
 use super::time::TimeArg;
 use super::values::positive_f32;
-use super::{CliError, Common, command_line, print_json};
+use super::{CliError, CommonArgs, command_line, print_json};
 use crate::data::Camera;
-use crate::files::Work;
+use crate::files::LockDuration;
 use crate::log::progress;
 use crate::name::Name;
 use crate::run::OpenRun;
 use crate::run::cameras::check_lens;
-use crate::run::follow::{FollowRequest, SHEET, Stage, Times, cautions, follow};
-use crate::track::events::{Event, EventKind};
-use crate::track::follow::Followup;
+use crate::run::follow::{FollowProgress, FollowRequest, SHEET, TrackedTimes, cautions, follow};
+use crate::track::events::{EventKind, SegmentEvent};
+use crate::track::follow::TrackedSegment;
 use crate::track::report::{PictureOptions, SHEET_CELL};
 use crate::track::tables::units;
 use clap::Args;
@@ -65,7 +65,7 @@ pub struct TrackArgs {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl TrackArgs {
@@ -73,9 +73,11 @@ impl TrackArgs {
         let (_, device) = self.common.device()?;
         let run = match &self.out {
             Some(_) => OpenRun::open(&self.run, &device)?,
-            None => OpenRun::open_to_write(&self.run, &device, &command_line(), Work::Long).map_err(or_elsewhere)?,
+            None => {
+                OpenRun::open_to_write(&self.run, &device, &command_line(), LockDuration::Long).map_err(or_elsewhere)?
+            }
         };
-        let run = self.data.of(run)?;
+        let run = self.data.apply_to(run)?;
         let (times, camera) = (self.times(&run)?, self.picture_camera(&run)?);
         let asked = match self.at.len() {
             0 => format!("--frames {}", self.frames),
@@ -95,8 +97,8 @@ impl TrackArgs {
         let drawn = progress::bar(times.count(), "times drawn");
         let found = follow(&run, &request, |stage| {
             match stage {
-                Stage::Followed => tracked.inc(1),
-                Stage::Drawn => {
+                FollowProgress::Followed => tracked.inc(1),
+                FollowProgress::Drawn => {
                     tracked.finish_and_clear();
                     drawn.inc(1);
                 }
@@ -107,12 +109,12 @@ impl TrackArgs {
         self.print(&run, &camera, &found.unwrap_or_default())
     }
 
-    fn times(&self, run: &OpenRun) -> Result<Times, CliError> {
-        let of = |time: TimeArg, flag: &str| time.of(flag, run.calibration());
+    fn times(&self, run: &OpenRun) -> Result<TrackedTimes, CliError> {
+        let of = |time: TimeArg, flag: &str| time.to_scene_time(flag, run.calibration());
         Ok(if self.at.is_empty() {
-            Times::Even { from: of(self.from, "--from")?, to: of(self.to, "--to")?, frames: self.frames }
+            TrackedTimes::Even { from: of(self.from, "--from")?, to: of(self.to, "--to")?, frames: self.frames }
         } else {
-            Times::At(self.at.iter().map(|time| of(*time, "--at")).collect::<Result<_, _>>()?)
+            TrackedTimes::At(self.at.iter().map(|time| of(*time, "--at")).collect::<Result<_, _>>()?)
         })
     }
 
@@ -128,7 +130,7 @@ impl TrackArgs {
         }
     }
 
-    fn print(&self, run: &OpenRun, camera: &Camera, found: &[Followup]) -> Result<(), CliError> {
+    fn print(&self, run: &OpenRun, camera: &Camera, found: &[TrackedSegment]) -> Result<(), CliError> {
         for followup in found {
             cautions(followup, run.calibration())
                 .iter()
@@ -136,7 +138,7 @@ impl TrackArgs {
         }
         if self.common.json {
             let units: BTreeMap<_, _> = units(run.calibration()).into_iter().collect();
-            let report = |f: &Followup| {
+            let report = |f: &TrackedSegment| {
                 serde_json::json!({
                     "segment": f.name, "size": [camera.width, camera.height],
                     "units": units, "statistics": f.statistics, "events": f.tracking.events,
@@ -150,7 +152,7 @@ impl TrackArgs {
                 let list = |v: &[u32]| v.iter().map(ToString::to_string).collect::<Vec<_>>().join(" + ");
                 let kind = format!("{:?}", event.kind);
                 let (before, after) = (list(&event.parents), list(&event.children));
-                let Event { time_from, time_to, confidence, .. } = event;
+                let SegmentEvent { time_from, time_to, confidence, .. } = event;
                 outln!(
                     "  t = {time_from:.3} to {time_to:.3}  {kind:14} {before} -> {after}  confidence {confidence:.2}"
                 );

@@ -2,12 +2,12 @@
 
 #[cfg(feature = "view")]
 use super::watch::WatchArgs;
-use super::{CliError, Common, command_line, config::ConfigSource, print_json, stop_flag};
+use super::{CliError, CommonArgs, command_line, config::ConfigSource, print_json, stop_flag};
 use crate::files::RunPaths;
 use crate::method;
 use crate::run::dataset_of;
 use crate::shell;
-use crate::train::run::{RunContext, RunOptions, RunOutcome, Start, StopReason, lock_existing};
+use crate::train::run::{RunContext, RunOptions, RunOutcome, RunStart, StopReason, lock_existing};
 use crate::train::{advice, checkpoint, open_dataset};
 use crate::versioned::Versioned;
 use clap::Args;
@@ -45,7 +45,7 @@ pub struct TrainArgs {
     #[arg(long, value_name = "STEPS")]
     stop_after: Option<usize>,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
     // a heading stays in force for what follows
     #[cfg(feature = "view")]
     #[command(flatten)]
@@ -60,7 +60,7 @@ impl TrainArgs {
         #[cfg(feature = "view")]
         let listening = self.watch.listen()?;
         let resolved = match start {
-            Start::New => {
+            RunStart::New => {
                 if let Some(preset) = self.config.preset_if_none_given() {
                     errln!("no --config: preset {preset}");
                 }
@@ -86,7 +86,7 @@ impl TrainArgs {
             dataset.train.times().len(),
             rayon::current_num_threads()
         );
-        if start == Start::New {
+        if start == RunStart::New {
             advice(&config, dataset.train.frames.len()).iter().for_each(|note| errln!("note: {note}"));
         }
         let stop = stop_flag("stopping after this step, with a checkpoint")?;
@@ -107,13 +107,13 @@ impl TrainArgs {
     }
 
     /// The folder of the run, and where to start.
-    fn place(&self) -> Result<(PathBuf, Start), CliError> {
+    fn place(&self) -> Result<(PathBuf, RunStart), CliError> {
         match (&self.resume, &self.out) {
-            (None, Some(out)) => Ok((out.clone(), Start::New)),
-            (Some(None), Some(out)) => Ok((out.clone(), Start::Resume)),
+            (None, Some(out)) => Ok((out.clone(), RunStart::New)),
+            (Some(None), Some(out)) => Ok((out.clone(), RunStart::Resume)),
             (Some(Some(given)), None) => match checkpoint::locate(given) {
-                (run, Some(from)) if run != *given => Ok((run, Start::ResumeFrom(from))),
-                (run, _) => Ok((run, Start::Resume)),
+                (run, Some(from)) if run != *given => Ok((run, RunStart::ResumeFrom(from))),
+                (run, _) => Ok((run, RunStart::Resume)),
             },
             (Some(Some(_)), Some(_)) => {
                 Err(CliError::input("--out: omit it with --resume RUN; a run resumes in its own folder"))

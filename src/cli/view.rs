@@ -2,9 +2,9 @@
 
 use super::data::DataArgs;
 use super::serving::explain;
-use super::{CliError, Common, stop_flag};
-use crate::view::listen::{Serving, ServingOptions};
-use crate::view::others::Other;
+use super::{CliError, CommonArgs, stop_flag};
+use crate::view::listen::{ServingOptions, ViewerAddress};
+use crate::view::others::ComparedRun;
 use crate::view::serve;
 use crate::view::workspace::Workspace;
 use clap::Args;
@@ -27,7 +27,7 @@ pub struct ViewCommand {
     #[command(flatten)]
     serving: ServingOptions,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl ViewCommand {
@@ -35,10 +35,10 @@ impl ViewCommand {
         let (_, device) = self.common.device()?;
         let stop = stop_flag("closing the viewer")?;
         let space = Workspace::open(&self.run, self.data.data.as_deref(), &device, self.serving.read_only)?;
-        let others = Other::open(&self.with, &device)?;
+        let others = ComparedRun::open(&self.with, &device)?;
         serve(space, others, &self.serving, &stop, |serving| {
             if self.common.json {
-                let Serving { url, address, socket } = serving;
+                let ViewerAddress { url, address, socket } = serving;
                 // an address without the file name's odd bytes is still an address
                 let socket = socket.as_ref().map(|path| path.to_string_lossy());
                 outln!("{}", serde_json::json!({ "url": url, "address": address.to_string(), "socket": socket }));

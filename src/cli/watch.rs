@@ -7,7 +7,7 @@ use crate::device::DeviceName;
 use crate::method;
 use crate::train::run::{RunContext, RunOutcome};
 use crate::view::beside::beside;
-use crate::view::listen::{Listening, ServingOptions};
+use crate::view::listen::{ServingOptions, ViewerListener};
 use burn::tensor::Device;
 use clap::Args;
 
@@ -25,8 +25,8 @@ pub struct WatchArgs {
 
 impl WatchArgs {
     /// Starts listening, if the run is to be shown.
-    pub(super) fn listen(&self) -> Result<Option<Listening>, CliError> {
-        Ok(self.view.then(|| Listening::open(&self.serving)).transpose()?)
+    pub(super) fn listen(&self) -> Result<Option<ViewerListener>, CliError> {
+        Ok(self.view.then(|| ViewerListener::open(&self.serving)).transpose()?)
     }
 
     /// Rejects showing the training of a method without persistent Gaussians.
@@ -44,7 +44,7 @@ impl WatchArgs {
     /// `json`.
     pub(super) fn train(
         &self,
-        listening: Option<Listening>,
+        listening: Option<ViewerListener>,
         json: bool,
         context: RunContext<'_>,
         device: &Device,

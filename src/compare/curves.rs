@@ -26,7 +26,7 @@ pub struct Curves {
 
 /// The fields read from a line.
 #[derive(Clone, Copy, Debug, Default, Deserialize)]
-struct Line {
+struct CurveRecord {
     step: u64,
     #[serde(default)]
     seconds: Option<f64>,
@@ -39,9 +39,9 @@ struct Line {
 }
 
 /// Reads the lines of a run by step; of several lines with the same step, the last one counts.
-fn lines(run: &Path) -> BTreeMap<u64, Line> {
+fn lines(run: &Path) -> BTreeMap<u64, CurveRecord> {
     let bytes = crate::files::read_regular(&RunPaths(run).metrics()).unwrap_or_default();
-    let parsed = bytes.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice::<Line>(line).ok());
+    let parsed = bytes.split(|b| *b == b'\n').filter_map(|line| serde_json::from_slice::<CurveRecord>(line).ok());
     parsed.map(|line| (line.step, line)).collect()
 }
 
@@ -52,8 +52,8 @@ pub fn read(run: &Path) -> Curves {
 
 /// Returns the mean curves of runs that differ only in the seed, at the steps common to all runs that have a curve.
 pub fn mean(runs: &[&Path]) -> Curves {
-    let runs: Vec<BTreeMap<u64, Line>> = runs.iter().map(|run| lines(run)).collect();
-    let steps = |value: fn(&Line) -> Option<f64>| -> Vec<(u64, f64)> { mean_by_step(&runs, value) };
+    let runs: Vec<BTreeMap<u64, CurveRecord>> = runs.iter().map(|run| lines(run)).collect();
+    let steps = |value: fn(&CurveRecord) -> Option<f64>| -> Vec<(u64, f64)> { mean_by_step(&runs, value) };
     let test = steps(|line| line.test_psnr);
     // seconds only where there is a test PSNR, so that both have the same steps and runs
     let seconds = steps(|line| line.test_psnr.filter(|v| v.is_finite()).and(line.seconds));
@@ -64,7 +64,7 @@ pub fn mean(runs: &[&Path]) -> Curves {
     Curves { test: points(test), train, loss, test_by_seconds }
 }
 
-fn mean_by_step(runs: &[BTreeMap<u64, Line>], value: fn(&Line) -> Option<f64>) -> Vec<(u64, f64)> {
+fn mean_by_step(runs: &[BTreeMap<u64, CurveRecord>], value: fn(&CurveRecord) -> Option<f64>) -> Vec<(u64, f64)> {
     let mut sums: BTreeMap<u64, (f64, usize)> = BTreeMap::new();
     let mut with_curve = 0;
     for run in runs {

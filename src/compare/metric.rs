@@ -51,7 +51,7 @@ pub fn default_columns(before: &[&str], after: &[&str]) -> Vec<String> {
 
 /// A metric or another quantity as a column of a table.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Column {
+pub struct MetricColumn {
     /// The name in files.
     pub id: String,
     /// Heading, with its unit.
@@ -64,7 +64,7 @@ pub struct Column {
     pub better: Better,
 }
 
-impl Column {
+impl MetricColumn {
     /// Returns the column for an id, see [`MetricDisplay::named`] for one that is not [`known`].
     pub fn by_id(id: &str) -> Self {
         let quantity = QUANTITIES.iter().find(|(known, _)| *known == id).map(|(_, display)| display.clone());
@@ -118,22 +118,22 @@ mod tests {
 
     #[test]
     fn unknown_ids_become_columns() {
-        let known = Column::by_id("psnr");
+        let known = MetricColumn::by_id("psnr");
         assert_eq!((known.head.as_str(), known.name(), known.digits), ("PSNR, dB", "PSNR", 2));
-        let extra = Column::by_id("edge_error");
+        let extra = MetricColumn::by_id("edge_error");
         assert_eq!((extra.head.as_str(), extra.digits, extra.better), ("edge_error", 4, Better::Lower));
-        assert_eq!(Column::by_id("alpha_loss").better, Better::Lower);
-        assert_eq!(Column::by_id("foreground_psnr").better, Better::Higher);
+        assert_eq!(MetricColumn::by_id("alpha_loss").better, Better::Lower);
+        assert_eq!(MetricColumn::by_id("foreground_psnr").better, Better::Higher);
     }
 
     #[test]
     fn zeros_have_no_sign() {
-        let psnr = Column::by_id("psnr");
+        let psnr = MetricColumn::by_id("psnr");
         assert_eq!(psnr.format(-0.001), "0.00");
         assert_eq!(psnr.format(-0.01), "-0.01");
         assert_eq!(psnr.signed(0.001), "0.00");
         assert_eq!(psnr.signed(0.31), "+0.31");
         assert_eq!(psnr.signed(-0.31), "-0.31");
-        assert_eq!(Column::by_id("gaussians").format(-0.2), "0");
+        assert_eq!(MetricColumn::by_id("gaussians").format(-0.2), "0");
     }
 }

@@ -15,4 +15,4 @@ pub mod table;
 pub mod text;
 pub mod write;
 
-pub use results::{Outcome, OutcomeState, PaperTable, ResultSet};
+pub use results::{OutcomeState, PaperTable, ResultSet, VariantOutcome};

@@ -1,10 +1,10 @@
 //! Where variants are compared: each dataset on each device is a separate place.
 
-use super::results::{Outcome, ResultSet};
+use super::results::{ResultSet, VariantOutcome};
 
 /// A dataset on a device.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Place {
+pub(super) struct DatasetOnDevice {
     /// Name of the dataset; may be empty.
     pub dataset: String,
     /// Name of the device.
@@ -13,15 +13,15 @@ pub(super) struct Place {
     pub name: String,
 }
 
-impl Place {
+impl DatasetOnDevice {
     /// Whether `outcome` was measured here.
-    pub fn holds(&self, outcome: &Outcome) -> bool {
+    pub fn holds(&self, outcome: &VariantOutcome) -> bool {
         outcome.dataset == self.dataset && outcome.device == self.device
     }
 }
 
 /// All places, in the order of the outcomes.
-pub(super) fn places(set: &ResultSet) -> Vec<Place> {
+pub(super) fn places(set: &ResultSet) -> Vec<DatasetOnDevice> {
     let pairs = distinct(set.outcomes.iter().map(|o| (o.dataset.clone(), o.device.clone())));
     let several_devices = pairs.iter().any(|(_, device)| *device != pairs[0].1);
     let name = |dataset: &str, device: &str| match (several_devices, dataset.is_empty()) {
@@ -29,7 +29,10 @@ pub(super) fn places(set: &ResultSet) -> Vec<Place> {
         (true, true) => device.to_owned(),
         (true, false) => format!("{dataset}, {device}"),
     };
-    pairs.into_iter().map(|(dataset, device)| Place { name: name(&dataset, &device), dataset, device }).collect()
+    pairs
+        .into_iter()
+        .map(|(dataset, device)| DatasetOnDevice { name: name(&dataset, &device), dataset, device })
+        .collect()
 }
 
 /// Returns the distinct values, in the order of their first occurrence.

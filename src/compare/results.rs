@@ -23,7 +23,7 @@ pub struct ResultSet {
     /// The variant that differences are relative to.
     pub baseline: String,
     /// One for each variant, dataset, device and seed, in the order of the table.
-    pub outcomes: Vec<Outcome>,
+    pub outcomes: Vec<VariantOutcome>,
     /// The paper's version of the table.
     pub paper: Option<PaperTable>,
 }
@@ -60,7 +60,7 @@ fn builds<'a>(runs: impl Iterator<Item = (&'a PathBuf, &'a str)>) -> String {
 
 /// One variant with one seed on one dataset and device.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Outcome {
+pub struct VariantOutcome {
     /// Name of the variant; outcomes that differ in the seed alone share it.
     pub variant: String,
     /// Name of the dataset.
@@ -116,14 +116,15 @@ mod tests {
 
     #[test]
     fn a_table_names_its_builds() {
-        let of = |run: &str, build: &str, measured_by: &str| Outcome {
+        let of = |run: &str, build: &str, measured_by: &str| VariantOutcome {
             run: run.into(),
             build: build.into(),
             measured_by: measured_by.into(),
             state: OutcomeState::Done,
-            ..Outcome::default()
+            ..VariantOutcome::default()
         };
-        let said = |outcomes: &[Outcome]| ResultSet { outcomes: outcomes.to_vec(), ..ResultSet::default() }.builds();
+        let said =
+            |outcomes: &[VariantOutcome]| ResultSet { outcomes: outcomes.to_vec(), ..ResultSet::default() }.builds();
         assert_eq!(said(&[]), "");
         assert_eq!(said(&[of("a", "", "")]), "");
         // two segments of one run
@@ -136,7 +137,7 @@ mod tests {
             said(&[of("a", "", "22"), of("b", "22", "22")]),
             "Trained by a build that was not recorded (1 run), build 22 (1 run) of the program; measured by build 22."
         );
-        let missing = Outcome { state: OutcomeState::Missing, ..of("a", "33", "") };
+        let missing = VariantOutcome { state: OutcomeState::Missing, ..of("a", "33", "") };
         assert_eq!(said(&[missing, of("b", "11", "11")]), "Trained by build 11 of the program.");
     }
 }

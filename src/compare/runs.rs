@@ -1,7 +1,7 @@
 //! Run folders as outcomes, for `volseggs compare`.
 
 use super::metric;
-use super::results::{Outcome, OutcomeState, ResultSet};
+use super::results::{OutcomeState, ResultSet, VariantOutcome};
 use crate::config::flatten;
 use crate::eval::run::Summary;
 use crate::files::{RunPaths, read_text};
@@ -39,7 +39,7 @@ pub fn metrics(summary: &Summary, record: &RunRecord) -> BTreeMap<String, f64> {
 
 /// Why runs cannot be compared.
 #[derive(Debug, thiserror::Error)]
-pub enum RunError {
+pub enum CompareRunsError {
     /// A folder or one of its files.
     #[error("{}: {problem}", path.display())]
     Folder {
@@ -59,7 +59,7 @@ pub enum RunError {
 }
 
 /// Refuses metrics that neither this program nor any of the outcomes knows.
-fn check_metrics(metrics: &[String], outcomes: &[Outcome]) -> Result<(), RunError> {
+fn check_metrics(metrics: &[String], outcomes: &[VariantOutcome]) -> Result<(), CompareRunsError> {
     let mut known = metric::known();
     for name in outcomes.iter().flat_map(|o| o.metrics.keys()) {
         if !known.contains(name) {
@@ -67,7 +67,7 @@ fn check_metrics(metrics: &[String], outcomes: &[Outcome]) -> Result<(), RunErro
         }
     }
     match metrics.iter().find(|m| !known.contains(m)) {
-        Some(id) => Err(RunError::Metric { id: id.clone(), known: known.join(", ") }),
+        Some(id) => Err(CompareRunsError::Metric { id: id.clone(), known: known.join(", ") }),
         None => Ok(()),
     }
 }
@@ -79,16 +79,16 @@ fn check_metrics(metrics: &[String], outcomes: &[Outcome]) -> Result<(), RunErro
 /// If a folder is given twice or is not a run; if it has not been evaluated on its test views at its present step, or
 /// was evaluated at other times, or with another number or size of views, than another run of its dataset; or if a metric
 /// is unknown.
-pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet, RunError> {
+pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet, CompareRunsError> {
     let mut known: Vec<(Table, String)> = Vec::new();
     let mut datasets: Vec<(String, String)> = Vec::new();
-    let mut outcomes: Vec<Outcome> = Vec::new();
+    let mut outcomes: Vec<VariantOutcome> = Vec::new();
     let mut met: Vec<PathBuf> = Vec::new();
-    let mut measured: BTreeMap<String, (Measured, PathBuf)> = BTreeMap::new();
+    let mut measured: BTreeMap<String, (MeasurementSetup, PathBuf)> = BTreeMap::new();
     for folder in folders {
         let whole = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.clone());
         if met.contains(&whole) {
-            return Err(RunError::Folder {
+            return Err(CompareRunsError::Folder {
                 path: folder.clone(),
                 problem: "is given twice; give each run once".into(),
             });
@@ -100,10 +100,10 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
         if let Some(steps) = summary.steps.filter(|steps| *steps != record.steps) {
             let problem = format!("was evaluated at step {steps} and is at step {} now", record.steps);
             let hint = format!("run `volseggs eval {}` again", shell::path(folder));
-            return Err(RunError::Folder { path: folder.clone(), problem: format!("{problem}; {hint}") });
+            return Err(CompareRunsError::Folder { path: folder.clone(), problem: format!("{problem}; {hint}") });
         }
         let path = RunPaths(folder).config();
-        let bad = |problem: String| RunError::Folder { path: path.clone(), problem };
+        let bad = |problem: String| CompareRunsError::Folder { path: path.clone(), problem };
         let text = read_text(&path).map_err(|e| bad(e.to_string()))?;
         let mut config: Table = text.parse().map_err(|e: toml::de::Error| bad(plain(&e.to_string())))?;
         config.remove("seed");
@@ -119,16 +119,16 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
             datasets.push((record.fingerprint.clone(), name.clone()));
             name
         });
-        let on = Measured::new(&summary, &config);
+        let on = MeasurementSetup::new(&summary, &config);
         let (first, other) = measured.entry(dataset.clone()).or_insert_with(|| (on.clone(), folder.clone()));
         if *first != on {
             let problem = format!("measured on {on}, but {} on {first}", other.display());
             let hint = format!("evaluate both in the same way with `volseggs eval {}`", shell::path(folder));
-            return Err(RunError::Folder { path: folder.clone(), problem: format!("{problem}; {hint}") });
+            return Err(CompareRunsError::Folder { path: folder.clone(), problem: format!("{problem}; {hint}") });
         }
         // a seed that a variant already has goes into another row, such as the same configuration from another version
         let clash = |name: &str| {
-            let same = |o: &Outcome| o.dataset == dataset && o.device == record.device && o.seed == record.seed;
+            let same = |o: &VariantOutcome| o.dataset == dataset && o.device == record.device && o.seed == record.seed;
             outcomes.iter().any(|o| o.variant == name && same(o))
         };
         let at = known.iter().position(|(c, name)| *c == config && !clash(name)).unwrap_or_else(|| {
@@ -136,7 +136,7 @@ pub fn from_folders(folders: &[PathBuf], metrics: &[String]) -> Result<ResultSet
             known.push((config.clone(), name));
             known.len() - 1
         });
-        outcomes.push(Outcome {
+        outcomes.push(VariantOutcome {
             variant: known[at].1.clone(),
             dataset,
             device: record.device.clone(),
@@ -173,14 +173,14 @@ fn row_name(folder: &Path, is_taken: impl Fn(&str) -> bool) -> String {
 
 /// What a run was measured on.
 #[derive(Clone, PartialEq)]
-struct Measured {
+struct MeasurementSetup {
     views: usize,
     size: [u32; 2],
     /// `data.only_times`, which selects the views; empty for all times.
     times: String,
 }
 
-impl Measured {
+impl MeasurementSetup {
     fn new(summary: &Summary, config: &Table) -> Self {
         let times = config.get("data").and_then(|data| data.get("only_times")).and_then(|times| times.as_array());
         let times: Vec<String> = times.into_iter().flatten().map(ToString::to_string).collect();
@@ -188,7 +188,7 @@ impl Measured {
     }
 }
 
-impl Display for Measured {
+impl Display for MeasurementSetup {
     fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
         write!(f, "{} views of {}x{}", self.views, self.size[0], self.size[1])?;
         if self.times.is_empty() { Ok(()) } else { write!(f, " at data.only_times = {}", self.times) }
@@ -196,8 +196,9 @@ impl Display for Measured {
 }
 
 /// Reads a JSON file of a run; `hint` says how to get it.
-fn read<T: serde::de::DeserializeOwned>(path: &Path, hint: &str) -> Result<T, RunError> {
-    let bad = |problem: String| RunError::Folder { path: path.to_owned(), problem: format!("{problem}; {hint}") };
+fn read<T: serde::de::DeserializeOwned>(path: &Path, hint: &str) -> Result<T, CompareRunsError> {
+    let bad =
+        |problem: String| CompareRunsError::Folder { path: path.to_owned(), problem: format!("{problem}; {hint}") };
     let text = read_text(path).map_err(|e| bad(e.to_string()))?;
     versioned::from_json(text).map_err(|e| bad(plain(&e.to_string())))
 }
@@ -215,7 +216,8 @@ mod tests {
 
     #[test]
     fn unknown_metrics_are_refused_with_the_known_ones() {
-        let outcome = Outcome { metrics: BTreeMap::from([("edge_error".to_owned(), 0.5)]), ..Outcome::default() };
+        let outcome =
+            VariantOutcome { metrics: BTreeMap::from([("edge_error".to_owned(), 0.5)]), ..VariantOutcome::default() };
         let check = |ids: &[&str]| {
             check_metrics(&ids.iter().map(|id| (*id).to_owned()).collect::<Vec<_>>(), std::slice::from_ref(&outcome))
         };

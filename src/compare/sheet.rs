@@ -3,11 +3,11 @@
 //! The pictures are those that an evaluation writes to a run's `eval/test/pictures/`: pairs `NAME-truth.png` and
 //! `NAME-render.png`. Unreadable ones are omitted from the sheet.
 
-use super::places::{Place, places};
-use super::results::{Outcome, OutcomeState, ResultSet};
+use super::places::{DatasetOnDevice, places};
+use super::results::{OutcomeState, ResultSet, VariantOutcome};
 use crate::data::png::check_claim;
 use crate::draw::font::{GLYPH_HEIGHT, draw_text, text_width};
-use crate::draw::views::{Pair, pair_sheet};
+use crate::draw::views::{PicturePair, pair_sheet};
 use crate::eval::sheet::error_color;
 use crate::files::RunPaths;
 use image::{Rgb, RgbImage};
@@ -42,7 +42,7 @@ pub struct VariantSheet {
 }
 
 /// A variant's picture and its errors.
-struct Shown {
+struct ShownVariant {
     variant: String,
     truth: RgbImage,
     render: RgbImage,
@@ -54,13 +54,13 @@ pub fn sheets(set: &ResultSet) -> Vec<VariantSheet> {
     places(set).into_iter().filter_map(|place| sheet(set, place)).collect()
 }
 
-fn folder(outcome: &Outcome) -> PathBuf {
+fn folder(outcome: &VariantOutcome) -> PathBuf {
     RunPaths(&outcome.run).eval().join("test/pictures")
 }
 
 /// The finished outcome with the lowest seed of each variant.
-fn first_seeds<'a>(set: &'a ResultSet, place: &Place) -> Vec<&'a Outcome> {
-    let mut firsts: Vec<&Outcome> = Vec::new();
+fn first_seeds<'a>(set: &'a ResultSet, place: &DatasetOnDevice) -> Vec<&'a VariantOutcome> {
+    let mut firsts: Vec<&VariantOutcome> = Vec::new();
     for outcome in set.outcomes.iter().filter(|o| place.holds(o) && o.state == OutcomeState::Done) {
         match firsts.iter_mut().find(|first| first.variant == outcome.variant) {
             Some(first) if outcome.seed < first.seed => *first = outcome,
@@ -79,14 +79,14 @@ fn views(folder: &Path) -> BTreeSet<String> {
     names.filter(|name| files.contains(&format!("{name}-render.png"))).map(str::to_owned).collect()
 }
 
-fn sheet(set: &ResultSet, place: Place) -> Option<VariantSheet> {
+fn sheet(set: &ResultSet, place: DatasetOnDevice) -> Option<VariantSheet> {
     let firsts = first_seeds(set, &place);
-    let with_views: Vec<(&Outcome, BTreeSet<String>)> =
+    let with_views: Vec<(&VariantOutcome, BTreeSet<String>)> =
         firsts.iter().map(|o| (*o, views(&folder(o)))).filter(|(_, views)| !views.is_empty()).collect();
     let shared =
         with_views.iter().map(|(_, views)| views.clone()).reduce(|a, b| a.intersection(&b).cloned().collect())?;
     let view = shared.iter().nth(shared.len() / 2)?.clone();
-    let mut shown: Vec<Shown> = Vec::new();
+    let mut shown: Vec<ShownVariant> = Vec::new();
     for (outcome, _) in with_views {
         if shown.len() == MAX_VARIANTS {
             break;
@@ -96,13 +96,13 @@ fn sheet(set: &ResultSet, place: Place) -> Option<VariantSheet> {
     }
     let truth = shown.first()?.truth.clone();
     let top = top_error(&shown);
-    let mut pairs = vec![Pair {
+    let mut pairs = vec![PicturePair {
         name: "truth".to_owned(),
         note: view.clone(),
         below: Some(scale_of_errors(truth.dimensions(), top)),
         picture: truth,
     }];
-    pairs.extend(shown.iter().map(|s| Pair {
+    pairs.extend(shown.iter().map(|s| PicturePair {
         name: s.variant.clone(),
         note: psnr(s),
         picture: s.render.clone(),
@@ -117,7 +117,7 @@ fn sheet(set: &ResultSet, place: Place) -> Option<VariantSheet> {
     Some(VariantSheet { dataset: place.name, view, image, top_error: top, shown: names, left_out })
 }
 
-fn load(outcome: &Outcome, view: &str) -> Option<Shown> {
+fn load(outcome: &VariantOutcome, view: &str) -> Option<ShownVariant> {
     let open = |kind: &str| {
         let bytes = crate::files::read_regular(&folder(outcome).join(format!("{view}-{kind}.png"))).ok()?;
         check_claim(&bytes, bytes.len() as u64).ok()?;
@@ -130,11 +130,11 @@ fn load(outcome: &Outcome, view: &str) -> Option<Shown> {
     let difference =
         |(a, b): (&Rgb<u8>, &Rgb<u8>)| (0..3).map(|c| f32::from(a.0[c].abs_diff(b.0[c]))).sum::<f32>() / (3.0 * 255.0);
     let errors = truth.pixels().zip(render.pixels()).map(difference).collect();
-    Some(Shown { variant: outcome.variant.clone(), truth, render, errors })
+    Some(ShownVariant { variant: outcome.variant.clone(), truth, render, errors })
 }
 
 /// The view's PSNR, as an evaluation computes it from the same 8-bit pictures.
-fn psnr(shown: &Shown) -> String {
+fn psnr(shown: &ShownVariant) -> String {
     let pairs = shown.truth.as_raw().iter().zip(shown.render.as_raw());
     let squares: f64 = pairs.map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2)).sum();
     if squares == 0.0 {
@@ -145,13 +145,13 @@ fn psnr(shown: &Shown) -> String {
 }
 
 /// The common scale of all maps, so that they can be compared.
-fn top_error(shown: &[Shown]) -> f32 {
+fn top_error(shown: &[ShownVariant]) -> f32 {
     let errors = || shown.iter().flat_map(|s| &s.errors);
     let few = (errors().count() as f64 * OFF_SCALE) as usize;
     TOPS.into_iter().find(|top| errors().filter(|e| *e > top).count() <= few).unwrap_or(1.0)
 }
 
-fn error_map(shown: &Shown, top: f32) -> RgbImage {
+fn error_map(shown: &ShownVariant, top: f32) -> RgbImage {
     let (width, height) = shown.truth.dimensions();
     RgbImage::from_fn(width, height, |x, y| {
         let error = shown.errors[y as usize * width as usize + x as usize];
@@ -183,12 +183,19 @@ fn scale_of_errors((width, height): (u32, u32), top: f32) -> RgbImage {
 mod tests {
     use super::*;
 
-    fn outcome(root: &Path, variant: &str, seed: u64, state: OutcomeState) -> Outcome {
+    fn outcome(root: &Path, variant: &str, seed: u64, state: OutcomeState) -> VariantOutcome {
         let run = root.join(format!("{variant}-{seed}"));
-        Outcome { variant: variant.to_owned(), dataset: "d".to_owned(), seed, run, state, ..Outcome::default() }
+        VariantOutcome {
+            variant: variant.to_owned(),
+            dataset: "d".to_owned(),
+            seed,
+            run,
+            state,
+            ..VariantOutcome::default()
+        }
     }
 
-    fn pictures(outcome: &Outcome, views: &[&str], size: u32, render: u8) {
+    fn pictures(outcome: &VariantOutcome, views: &[&str], size: u32, render: u8) {
         std::fs::create_dir_all(folder(outcome)).unwrap();
         for view in views {
             for (kind, shade) in [("truth", 100), ("render", render)] {
@@ -198,7 +205,7 @@ mod tests {
         }
     }
 
-    fn set(outcomes: Vec<Outcome>) -> ResultSet {
+    fn set(outcomes: Vec<VariantOutcome>) -> ResultSet {
         ResultSet { outcomes, ..ResultSet::default() }
     }
 
@@ -229,7 +236,7 @@ mod tests {
         let on = |device: &str, variant| {
             let outcome = outcome(&dir.path().join(device), variant, 0, OutcomeState::Done);
             pictures(&outcome, &["r1"], 20, 100);
-            Outcome { device: device.to_owned(), ..outcome }
+            VariantOutcome { device: device.to_owned(), ..outcome }
         };
         let sheets = sheets(&set(vec![on("flex", "a"), on("wgpu", "a"), on("flex", "b"), on("wgpu", "b")]));
         let shown: Vec<(&str, usize)> = sheets.iter().map(|s| (s.dataset.as_str(), s.shown.len())).collect();
@@ -239,7 +246,8 @@ mod tests {
     #[test]
     fn pictures_that_do_not_match_the_others_are_omitted() {
         let dir = tempfile::tempdir().unwrap();
-        let all: Vec<Outcome> = (0..15).map(|i| outcome(dir.path(), &format!("v{i}"), 0, OutcomeState::Done)).collect();
+        let all: Vec<VariantOutcome> =
+            (0..15).map(|i| outcome(dir.path(), &format!("v{i}"), 0, OutcomeState::Done)).collect();
         for (i, outcome) in all.iter().enumerate() {
             pictures(outcome, &["x"], if i == 1 { 8 } else { 9 }, 90);
         }

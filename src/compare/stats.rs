@@ -5,7 +5,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// A difference of two means.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Difference {
+pub struct MeanDifference {
     /// Mean of the first group minus that of the second.
     pub value: f64,
     /// 95 % confidence interval; `None` if a group has fewer than two values.
@@ -14,7 +14,7 @@ pub struct Difference {
     pub paired: bool,
 }
 
-impl Difference {
+impl MeanDifference {
     /// Whether the interval includes zero, which leaves open which mean is larger; `None` without an interval.
     pub fn includes_zero(&self) -> Option<bool> {
         self.interval.map(|[low, high]| low <= 0.0 && high >= 0.0)
@@ -42,7 +42,7 @@ pub fn deviation(values: &[f64]) -> Option<f64> {
 ///
 /// If both have the same seeds, at least two, the interval is that of the differences seed by seed; otherwise it is
 /// Welch's.
-pub fn difference(ours: &[(u64, f64)], base: &[(u64, f64)]) -> Option<Difference> {
+pub fn difference(ours: &[(u64, f64)], base: &[(u64, f64)]) -> Option<MeanDifference> {
     let (ours, base) = (by_seed(ours), by_seed(base));
     let (ours_values, base_values) = (values(&ours), values(&base));
     let value = Some(mean(&ours_values)? - mean(&base_values)?).filter(|v| v.is_finite())?;
@@ -54,7 +54,7 @@ pub fn difference(ours: &[(u64, f64)], base: &[(u64, f64)]) -> Option<Difference
         welch_half_width(&ours_values, &base_values)
     };
     let interval = half.map(|half| [value - half, value + half]).filter(|i| i.iter().all(|v| v.is_finite()));
-    Some(Difference { value, interval, paired })
+    Some(MeanDifference { value, interval, paired })
 }
 
 /// The 97.5 % quantile of Student's t distribution.
@@ -166,7 +166,7 @@ mod tests {
         assert_eq!((one.value, one.interval, one.includes_zero()), (2.0, None, None));
         // a seed without a finite value does not count
         let found = difference(&[(0, 3.0), (1, f64::INFINITY)], &[(0, 1.0), (1, 1.0)]).unwrap();
-        assert_eq!(found, Difference { value: 2.0, interval: None, paired: false });
+        assert_eq!(found, MeanDifference { value: 2.0, interval: None, paired: false });
     }
 
     #[test]

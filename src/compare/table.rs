@@ -5,26 +5,26 @@ mod ordering;
 #[cfg(test)]
 pub(crate) mod tests;
 
-pub use ordering::{Ordering, Pair, Verdict, orderings};
+pub use ordering::{Ordering, VariantPair, Verdict, orderings};
 
-use super::metric::{Better, Column};
+use super::metric::{Better, MetricColumn};
 use super::places::distinct;
-use super::results::{Outcome, OutcomeState, ResultSet};
-use super::stats::{Difference, deviation, difference, mean};
+use super::results::{OutcomeState, ResultSet, VariantOutcome};
+use super::stats::{MeanDifference, deviation, difference, mean};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// A table of results.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Table<'s> {
+pub struct ResultTable<'s> {
     /// What it is the table of.
     pub set: &'s ResultSet,
     /// The metrics, in the order of the cells.
-    pub metrics: Vec<Column>,
+    pub metrics: Vec<MetricColumn>,
     /// Which columns are shown.
     pub shows: Shows,
     /// The rows, grouped by dataset, device and segment.
-    pub rows: Vec<Row>,
+    pub rows: Vec<TableRow>,
 }
 
 /// Which of the columns before the variant have more than one value.
@@ -40,7 +40,7 @@ pub struct Shows {
 
 /// A variant on one dataset, device and segment.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Row {
+pub struct TableRow {
     /// Name of the dataset.
     pub dataset: String,
     /// Name of the device.
@@ -50,7 +50,7 @@ pub struct Row {
     /// Name of the variant.
     pub variant: String,
     /// One for each metric of the table.
-    pub cells: Vec<Cell>,
+    pub cells: Vec<MetricCell>,
     /// Number of measured outcomes; only these are in the cells.
     pub done: usize,
     /// Number of outcomes still missing.
@@ -58,12 +58,12 @@ pub struct Row {
     /// Number of outcomes stopped early.
     pub stopped: usize,
     /// Outcomes that ended with an error.
-    pub failures: Vec<Failure>,
+    pub failures: Vec<FailedRun>,
 }
 
 /// One metric of a row.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Cell {
+pub struct MetricCell {
     /// Values by seed; all are finite.
     pub values: Vec<(u64, f64)>,
     /// Their mean.
@@ -73,12 +73,12 @@ pub struct Cell {
     /// Whether it is the best of its column among the rows of its dataset, device and segment.
     pub best: bool,
     /// Difference to the baseline's row of the same dataset, device and segment.
-    pub difference: Option<Difference>,
+    pub difference: Option<MeanDifference>,
 }
 
 /// A run that ended with an error.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Failure {
+pub struct FailedRun {
     /// Its seed.
     pub seed: u64,
     /// Its folder.
@@ -87,19 +87,19 @@ pub struct Failure {
     pub error: String,
 }
 
-impl<'s> Table<'s> {
+impl<'s> ResultTable<'s> {
     /// Builds the table of a set. Rows are ordered by dataset, device, segment and variant, each in the order of its
     /// first appearance.
     pub fn new(set: &'s ResultSet) -> Self {
         let metrics = columns(set);
         let mut rows = rows(set, &metrics);
-        for group in rows.chunk_by_mut(Row::same_group) {
+        for group in rows.chunk_by_mut(TableRow::same_group) {
             for (at, metric) in metrics.iter().enumerate() {
                 mark_best(group, at, metric);
             }
             compare(group, &set.baseline);
         }
-        let varies = |of: fn(&Row) -> &str| rows.windows(2).any(|pair| of(&pair[0]) != of(&pair[1]));
+        let varies = |of: fn(&TableRow) -> &str| rows.windows(2).any(|pair| of(&pair[0]) != of(&pair[1]));
         let shows = Shows {
             dataset: varies(|row| &row.dataset),
             device: varies(|row| &row.device),
@@ -120,12 +120,12 @@ impl<'s> Table<'s> {
     }
 
     /// Returns the rows, grouped by dataset, device and segment.
-    pub fn groups(&self) -> impl Iterator<Item = &[Row]> {
-        self.rows.chunk_by(Row::same_group)
+    pub fn groups(&self) -> impl Iterator<Item = &[TableRow]> {
+        self.rows.chunk_by(TableRow::same_group)
     }
 }
 
-impl Row {
+impl TableRow {
     /// Whether both rows have the same dataset, device and segment.
     pub fn same_group(&self, other: &Self) -> bool {
         (&self.dataset, &self.device, &self.segment) == (&other.dataset, &other.device, &other.segment)
@@ -136,23 +136,23 @@ impl Row {
         self.done + self.missing + self.stopped + self.failures.len()
     }
 
-    fn new(outcome: &Outcome, metrics: usize) -> Self {
+    fn new(outcome: &VariantOutcome, metrics: usize) -> Self {
         Self {
             dataset: outcome.dataset.clone(),
             device: outcome.device.clone(),
             segment: outcome.segment.clone(),
             variant: outcome.variant.clone(),
-            cells: vec![Cell::default(); metrics],
+            cells: vec![MetricCell::default(); metrics],
             ..Self::default()
         }
     }
 
-    fn add(&mut self, outcome: &Outcome, metrics: &[Column]) {
+    fn add(&mut self, outcome: &VariantOutcome, metrics: &[MetricColumn]) {
         match &outcome.state {
             OutcomeState::Missing => self.missing += 1,
             OutcomeState::Stopped(_) => self.stopped += 1,
             OutcomeState::Failed(error) => {
-                self.failures.push(Failure { seed: outcome.seed, run: outcome.run.clone(), error: error.clone() });
+                self.failures.push(FailedRun { seed: outcome.seed, run: outcome.run.clone(), error: error.clone() });
             }
             OutcomeState::Done => {
                 self.done += 1;
@@ -165,7 +165,7 @@ impl Row {
     }
 }
 
-impl Cell {
+impl MetricCell {
     /// Number of values.
     pub fn n(&self) -> usize {
         self.values.len()
@@ -179,33 +179,33 @@ impl Cell {
 }
 
 /// The columns of the set's metrics, each once.
-fn columns(set: &ResultSet) -> Vec<Column> {
-    distinct(set.metrics.iter()).into_iter().map(|id| Column::by_id(id)).collect()
+fn columns(set: &ResultSet) -> Vec<MetricColumn> {
+    distinct(set.metrics.iter()).into_iter().map(|id| MetricColumn::by_id(id)).collect()
 }
 
-fn rows(set: &ResultSet, metrics: &[Column]) -> Vec<Row> {
-    let rank = |of: fn(&Outcome) -> &str| {
+fn rows(set: &ResultSet, metrics: &[MetricColumn]) -> Vec<TableRow> {
+    let rank = |of: fn(&VariantOutcome) -> &str| {
         let mut ranks: BTreeMap<&str, usize> = BTreeMap::new();
         for outcome in &set.outcomes {
             let next = ranks.len();
             ranks.entry(of(outcome)).or_insert(next);
         }
-        move |outcome: &Outcome| ranks.get(of(outcome)).copied().unwrap_or(usize::MAX)
+        move |outcome: &VariantOutcome| ranks.get(of(outcome)).copied().unwrap_or(usize::MAX)
     };
     let (dataset, device, segment, variant) =
         (rank(|o| &o.dataset), rank(|o| &o.device), rank(|o| &o.segment), rank(|o| &o.variant));
-    let mut rows: BTreeMap<[usize; 4], Row> = BTreeMap::new();
+    let mut rows: BTreeMap<[usize; 4], TableRow> = BTreeMap::new();
     for outcome in &set.outcomes {
         let key = [dataset(outcome), device(outcome), segment(outcome), variant(outcome)];
-        rows.entry(key).or_insert_with(|| Row::new(outcome, metrics.len())).add(outcome, metrics);
+        rows.entry(key).or_insert_with(|| TableRow::new(outcome, metrics.len())).add(outcome, metrics);
     }
-    let mut rows: Vec<Row> = rows.into_values().collect();
-    rows.iter_mut().flat_map(|row| &mut row.cells).for_each(Cell::summarise);
+    let mut rows: Vec<TableRow> = rows.into_values().collect();
+    rows.iter_mut().flat_map(|row| &mut row.cells).for_each(MetricCell::summarise);
     rows
 }
 
 /// Marks all rows whose displayed mean equals the best, if there is more than one to choose from.
-fn mark_best(group: &mut [Row], at: usize, metric: &Column) {
+fn mark_best(group: &mut [TableRow], at: usize, metric: &MetricColumn) {
     let means = || group.iter().filter_map(|row| row.cells[at].mean);
     let best = means().min_by(|a, b| metric.best_first(*a, *b));
     let (Some(best), true) = (best, means().count() > 1 && metric.better != Better::Neither) else {
@@ -218,7 +218,7 @@ fn mark_best(group: &mut [Row], at: usize, metric: &Column) {
 }
 
 /// Fills in the differences to the baseline, if the group has it.
-fn compare(group: &mut [Row], baseline: &str) {
+fn compare(group: &mut [TableRow], baseline: &str) {
     let Some(base) = group.iter().find(|row| row.variant == baseline).map(|row| row.cells.clone()) else {
         return;
     };

@@ -9,7 +9,7 @@ mod markdown;
 mod tests;
 
 pub use csv::csv;
-pub use grid::{Entry, Grid, differences, results};
+pub use grid::{TextCell, TextGrid, differences, results};
 pub use json::json;
 pub use latex::latex;
 pub use markdown::markdown;

@@ -1,19 +1,19 @@
 //! The files of a comparison: report.md, report.html, table.tex, results.csv, results.json, and TensorBoard logs.
 
 use super::html::report;
-use super::results::{Outcome, OutcomeState, ResultSet};
-use super::table::{Ordering, Table, orderings};
+use super::results::{OutcomeState, ResultSet, VariantOutcome};
+use super::table::{Ordering, ResultTable, orderings};
 use super::text;
-use super::{curves, metric::Column};
+use super::{curves, metric::MetricColumn};
 use crate::files::{AtomicDir, FolderKind, WriteError, write_atomic};
 use crate::log::tensorboard::{EventWriter, HyperParameter, SessionEnd};
-use crate::report::{Block, ReportError};
+use crate::report::{ReportBlock, ReportError};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Returns the table of `set` as Markdown, with differences, orderings and failures.
 pub fn table_text(set: &ResultSet) -> String {
-    let table = Table::new(set);
+    let table = ResultTable::new(set);
     text::markdown(&table, &orderings(&table))
 }
 
@@ -50,30 +50,30 @@ pub fn replace_report(folder: &Path, set: &ResultSet) -> Result<String, WriteErr
 /// # Errors
 /// The first file that cannot be written.
 pub fn write_report(folder: &Path, set: &ResultSet) -> Result<String, WriteError> {
-    std::fs::create_dir_all(folder).map_err(WriteError::at(folder))?;
-    let table = Table::new(set);
+    std::fs::create_dir_all(folder).map_err(WriteError::writing(folder))?;
+    let table = ResultTable::new(set);
     let orderings = orderings(&table);
     let markdown = text::markdown(&table, &orderings);
     let put = |name: &str, bytes: &[u8]| {
         let path = folder.join(name);
-        write_atomic(&path, bytes).map_err(WriteError::at(&path))
+        write_atomic(&path, bytes).map_err(WriteError::writing(&path))
     };
     put("report.md", markdown.as_bytes())?;
     put("table.tex", text::latex(&table).as_bytes())?;
     put("results.csv", text::csv(set).as_bytes())?;
-    let json = serde_json::to_vec_pretty(&text::json(&table, &orderings)).map_err(WriteError::at(folder))?;
+    let json = serde_json::to_vec_pretty(&text::json(&table, &orderings)).map_err(WriteError::writing(folder))?;
     put("results.json", &json)?;
     tensorboard(folder, set)?;
     let page = folder.join("report.html");
     page_of(&table, &orderings)
         .write(&page)
-        .map_err(|ReportError::Write { source, .. }| WriteError::at(&page)(source))?;
+        .map_err(|ReportError::Write { source, .. }| WriteError::writing(&page)(source))?;
     Ok(markdown)
 }
 
-fn page_of(table: &Table<'_>, orderings: &[Ordering]) -> crate::report::Report {
-    let block = |caption, head, rows| Block::Table { caption, head, rows, highlight: None };
-    let plain = |caption: String, grid: text::Grid| block(caption, grid.head.clone(), grid.starred());
+fn page_of(table: &ResultTable<'_>, orderings: &[Ordering]) -> crate::report::Report {
+    let block = |caption, head, rows| ReportBlock::Table { caption, head, rows, highlight: None };
+    let plain = |caption: String, grid: text::TextGrid| block(caption, grid.head.clone(), grid.starred());
     let of = ["Mean and deviation over seeds; the best is bold.", &table.set.builds()].join(" ");
     let mut tables = vec![plain(of.trim_end().to_owned(), text::results(table))];
     let caption = || {
@@ -95,11 +95,11 @@ const MARKER: &str = "comparison";
 /// metrics of those that finished.
 fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
     let path = folder.join("tensorboard");
-    let out = AtomicDir::create(&path).map_err(WriteError::at(&path))?;
-    let metrics: Vec<Column> = set.metrics.iter().map(|id| Column::by_id(id)).collect();
+    let out = AtomicDir::create(&path).map_err(WriteError::writing(&path))?;
+    let metrics: Vec<MetricColumn> = set.metrics.iter().map(|id| MetricColumn::by_id(id)).collect();
     let tags: Vec<String> = set.metrics.iter().map(|id| format!("final/{id}")).collect();
     let shown: Vec<(&str, &str)> = tags.iter().map(String::as_str).zip(metrics.iter().map(|m| &*m.head)).collect();
-    let several = |f: &dyn Fn(&Outcome) -> &str| set.outcomes.iter().map(f).collect::<BTreeSet<_>>().len() > 1;
+    let several = |f: &dyn Fn(&VariantOutcome) -> &str| set.outcomes.iter().map(f).collect::<BTreeSet<_>>().len() > 1;
     let (datasets, devices) = (several(&|o| &o.dataset), several(&|o| &o.device));
     let keys: BTreeSet<&String> = set.outcomes.iter().flat_map(|o| o.settings.keys()).collect();
     for (number, outcome) in set.outcomes.iter().enumerate().filter(|(_, o)| o.state != OutcomeState::Missing) {
@@ -130,13 +130,13 @@ fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
         let short: String = group.chars().take(50).collect();
         let name: String = format!("{number:03} {short} seed {}", outcome.seed).chars().map(plain).collect();
         let dir = out.dir().join(name);
-        let mut events = EventWriter::create(&dir).map_err(WriteError::at(&dir))?;
+        let mut events = EventWriter::create(&dir).map_err(WriteError::writing(&dir))?;
         let curves = curves::read(&outcome.run);
         let last = curves.train.last().or(curves.test.last()).map_or(0, |(s, _)| *s as u64);
-        events.hparams(&settings, &shown, &group).map_err(WriteError::at(&dir))?;
+        events.hparams(&settings, &shown, &group).map_err(WriteError::writing(&dir))?;
         for (tag, curve) in [("train/psnr", &curves.train), ("test/psnr", &curves.test)] {
             for (step, value) in curve {
-                events.scalar(*step as u64, tag, *value as f32).map_err(WriteError::at(&dir))?;
+                events.scalar(*step as u64, tag, *value as f32).map_err(WriteError::writing(&dir))?;
             }
         }
         // a stopped run has neither a final value nor an end: its live test PSNR is of fewer steps and views
@@ -148,14 +148,14 @@ fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
         if end == Some(SessionEnd::Success) {
             for (id, tag) in set.metrics.iter().zip(&tags) {
                 if let Some(value) = outcome.metrics.get(id) {
-                    events.scalar(last, tag, *value as f32).map_err(WriteError::at(&dir))?;
+                    events.scalar(last, tag, *value as f32).map_err(WriteError::writing(&dir))?;
                 }
             }
         }
         if let Some(end) = end {
-            events.session_end(end).map_err(WriteError::at(&dir))?;
+            events.session_end(end).map_err(WriteError::writing(&dir))?;
         }
-        events.flush().map_err(WriteError::at(&dir))?;
+        events.flush().map_err(WriteError::writing(&dir))?;
     }
     // each run has a folder of its own in there, named after it
     let kind = FolderKind {
@@ -163,8 +163,8 @@ fn tensorboard(folder: &Path, set: &ResultSet) -> Result<(), WriteError> {
         markers: &[MARKER],
         entries: &["[0-9]* seed */events.out.tfevents.*"],
     };
-    std::fs::write(out.dir().join(MARKER), "").map_err(WriteError::at(&path))?;
-    out.commit_replacing(&kind, &[]).map_err(WriteError::at(&path))
+    std::fs::write(out.dir().join(MARKER), "").map_err(WriteError::writing(&path))?;
+    out.commit_replacing(&kind, &[]).map_err(WriteError::writing(&path))
 }
 
 /// A setting's TOML text as a value.
@@ -186,11 +186,11 @@ mod tests {
     #[test]
     fn only_finished_runs_have_final_metrics_in_tensorboard() {
         let states = [OutcomeState::Done, OutcomeState::Stopped(40), OutcomeState::Failed("not finite".into())];
-        let of = |state| Outcome {
+        let of = |state| VariantOutcome {
             state,
             variant: "x".into(),
             metrics: BTreeMap::from([("psnr".to_owned(), 20.0)]),
-            ..Outcome::default()
+            ..VariantOutcome::default()
         };
         let set = ResultSet {
             head: "variant".into(),

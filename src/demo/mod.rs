@@ -8,17 +8,17 @@ use crate::config::RESERVED_VARIABLES;
 use crate::config::types::Config;
 use crate::data::{Split, SplitName};
 use crate::eval::run::Evaluation;
-use crate::files::{LockError, RunLock, Work, check_file};
+use crate::files::{LockDuration, LockError, RunLock, check_file};
 use crate::log::progress;
 use crate::method;
 use crate::metrics::metric::Networks;
-use crate::prepare::views::{Times, ViewOptions};
+use crate::prepare::views::{TrainingTimes, ViewOptions};
 use crate::prepare::{
-    PrepareError, PrepareOptions, PrepareRecord, SegmentOptions, SegmentSteps, Source, image_count, prepare,
+    PrepareError, PrepareOptions, PrepareRecord, PrepareSource, SegmentOptions, SegmentSteps, image_count, prepare,
 };
 use crate::run::measure::{MeasuredOn, measure};
 use crate::run::{AnyRun, OpenRun};
-use crate::train::run::{RunContext, RunOptions, RunOutcome, Start};
+use crate::train::run::{RunContext, RunOptions, RunOutcome, RunStart};
 use crate::train::{TrainError, open_dataset};
 use crate::volume::synthetic::Synthetic;
 use burn::tensor::Device;
@@ -134,13 +134,13 @@ pub fn demo(
     let started = Instant::now();
     let dataset = open_dataset(&data, &resolved.value).map_err(TrainError::Data)?;
     std::fs::create_dir_all(&run_folder).map_err(failed("train"))?;
-    let lock = RunLock::acquire(&run_folder, COMMAND, Work::Long).map_err(|e| match e {
+    let lock = RunLock::acquire(&run_folder, COMMAND, LockDuration::Long).map_err(|e| match e {
         LockError::Held { .. } => DemoError::Input(e.to_string()),
         e => failed("train")(e),
     })?;
     let run_options = RunOptions {
         out: run_folder.clone(),
-        start: Start::NewOrResume,
+        start: RunStart::NewOrResume,
         command: COMMAND.into(),
         config_toml: resolved.to_toml().map_err(failed("train"))?,
         device_name: name.to_owned(),
@@ -188,12 +188,12 @@ pub fn demo(
 fn prepare_stage(options: &DemoOptions, data: &Path, stop: &AtomicBool) -> Result<PrepareRecord, DemoError> {
     // a voxel is about as large as a pixel
     let voxels = (options.size as usize * 12 / 25).clamp(24, 256);
-    let source = Source::Synthetic { scene: options.scene, dims: [voxels; 3], steps: 60 };
+    let source = PrepareSource::Synthetic { scene: options.scene, dims: [voxels; 3], steps: 60 };
     let plan = PrepareOptions {
         views: ViewOptions {
             size: [options.size; 2],
             fov_x: FOV,
-            times: Times::Count(20),
+            times: TrainingTimes::Count(20),
             views_per_time: 10,
             test_views: 61,
             ..ViewOptions::default()

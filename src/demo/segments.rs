@@ -3,9 +3,11 @@
 use super::FOV;
 use crate::data::Truth;
 use crate::data::paths::{Lens, RADIUS, orbit};
-use crate::draw::plot::{Series, line_plot};
+use crate::draw::plot::{PlotSeries, line_plot};
 use crate::draw::views::view_sheet;
-use crate::eval::segments::{Lifted, Method, SegmentEvaluation, SegmentOptions, evaluate_segments, write_results};
+use crate::eval::segments::{
+    LiftedField, SegmentEvalOptions, SegmentEvaluation, SelectionMethod, evaluate_segments, write_results,
+};
 use crate::export::images::to_rgb8;
 use crate::files::AtomicDir;
 use crate::model::{HostGaussians, ToKernel};
@@ -13,8 +15,8 @@ use crate::name::Name;
 use crate::run::segments::{RunSegments, by_colour};
 use crate::run::{OpenRun, RunError, affinity};
 use crate::segment::pictures::draw;
-use crate::segment::segmentation::{Origin, Segment, Segmentation};
-use crate::track::follow::{FollowOptions, Followed, Followup, follow};
+use crate::segment::segmentation::{Segment, SegmentOrigin, Segmentation};
+use crate::track::follow::{FollowOptions, SegmentToTrack, TrackedSegment, follow};
 use image::RgbImage;
 use std::path::Path;
 
@@ -35,7 +37,7 @@ pub(super) struct SegmentStory {
     /// Rows of ground truth and methods.
     pub sheet: RgbImage,
     /// Each selected segment over time.
-    pub followed: Vec<Followup>,
+    pub followed: Vec<TrackedSegment>,
     /// Pictures of each over time.
     pub tracks: RgbImage,
 }
@@ -43,8 +45,8 @@ pub(super) struct SegmentStory {
 impl SegmentStory {
     /// Intersection over union of the two-level method at each time, one curve for each segment.
     pub fn iou_over_time(&self) -> String {
-        let of_method = self.evaluation.results.iter().filter(|r| r.method == Method::CoarseFine);
-        let points = of_method.map(|r| Series {
+        let of_method = self.evaluation.results.iter().filter(|r| r.method == SelectionMethod::CoarseFine);
+        let points = of_method.map(|r| PlotSeries {
             name: r.segment.clone(),
             points: r.fixed.times.iter().filter_map(|row| Some((row.time, row.iou?))).collect(),
         });
@@ -53,10 +55,13 @@ impl SegmentStory {
 
     /// Volume of each tracked segment over time.
     pub fn volume_over_time(&self) -> String {
-        let series: Vec<Series> = self
+        let series: Vec<PlotSeries> = self
             .followed
             .iter()
-            .map(|f| Series { name: f.name.clone(), points: f.statistics.iter().map(|s| (s.time, s.volume)).collect() })
+            .map(|f| PlotSeries {
+                name: f.name.clone(),
+                points: f.statistics.iter().map(|s| (s.time, s.volume)).collect(),
+            })
             .collect();
         line_plot("Volume of each segment", "time", "cubic scene units", &series)
     }
@@ -64,7 +69,7 @@ impl SegmentStory {
 
 /// Saves the colours and what the demo selected as the run's segments, and the affinity field, by which clicks select
 /// more, unless the user has made other segments since an earlier demo.
-fn save(run: &OpenRun, found: &Segmentation, lifted: Option<Lifted>, time: f64) -> Result<(), RunError> {
+fn save(run: &OpenRun, found: &Segmentation, lifted: Option<LiftedField>, time: f64) -> Result<(), RunError> {
     let (mut own, _) = RunSegments::replacing(run);
     let first = own.now().segments.is_empty();
     if !first && own.now().segments != found.segments {
@@ -75,7 +80,7 @@ fn save(run: &OpenRun, found: &Segmentation, lifted: Option<Lifted>, time: f64) 
         own.change("demo", found.segments.clone());
         own.save()?;
     }
-    if let Some(Lifted { field, frame, spreads }) = lifted.filter(|_| first || !run.paths().affinity().exists()) {
+    if let Some(LiftedField { field, frame, spreads }) = lifted.filter(|_| first || !run.paths().affinity().exists()) {
         affinity::save(run, &field, frame, time, spreads)?;
     }
     Ok(())
@@ -85,14 +90,14 @@ fn save(run: &OpenRun, found: &Segmentation, lifted: Option<Lifted>, time: f64) 
 pub(super) fn segments(run: &OpenRun, data: &Path) -> Result<SegmentStory, String> {
     let scene = &run.scene;
     let truth = Truth::read(data).map_err(|e| e.to_string())?;
-    let plan = SegmentOptions {
-        methods: vec![Method::Coarse, Method::CoarseFine],
+    let plan = SegmentEvalOptions {
+        methods: vec![SelectionMethod::Coarse, SelectionMethod::CoarseFine],
         oracle: false,
         views: MASK_VIEWS,
         fine_steps: Some(STEPS),
         pixels: Some(PIXELS),
         segment: run.config.segment.clone(),
-        ..SegmentOptions::default()
+        ..SegmentEvalOptions::default()
     };
     let work = AtomicDir::create(&run.paths().eval().join("masks")).map_err(|e| e.to_string())?;
     let widening = run.widening();
@@ -103,14 +108,15 @@ pub(super) fn segments(run: &OpenRun, data: &Path) -> Result<SegmentStory, Strin
 
     let mut found = by_colour(run, trained.coarse(), evaluation.time).map_err(|e| e.to_string())?;
     let mut clicked = Vec::new();
-    let chosen = evaluation.results.iter().filter(|r| r.method == Method::CoarseFine && !r.fixed.members.is_empty());
+    let chosen =
+        evaluation.results.iter().filter(|r| r.method == SelectionMethod::CoarseFine && !r.fixed.members.is_empty());
     let levels = &run.config.segment.levels;
     for result in chosen {
         let colour = found.free_colour();
         let name = Name::new(result.segment.clone()).map_err(|e| e.to_string())?;
         let members = result.fixed.members.clone();
         let (scale, threshold) = result.fixed.asked.unwrap_or((levels.scale, levels.cosine));
-        let origin = Origin::Pick { scale, threshold };
+        let origin = SegmentOrigin::Pick { scale, threshold };
         let parent = found.whole_of(&members).map(|whole| whole.name.clone());
         let segment = Segment { name, parent, colour, time: evaluation.time, origin, members };
         clicked.push(segment.clone());
@@ -119,8 +125,8 @@ pub(super) fn segments(run: &OpenRun, data: &Path) -> Result<SegmentStory, Strin
     save(run, &found, trained.parts, evaluation.time).map_err(|e| e.to_string())?;
 
     let times: Vec<f64> = (0..TIMES).map(|i| i as f64 / (TIMES - 1) as f64).collect();
-    let wanted: Vec<Followed<'_>> =
-        clicked.iter().map(|s| Followed { name: &s.name, members: &s.members, time: s.time }).collect();
+    let wanted: Vec<SegmentToTrack<'_>> =
+        clicked.iter().map(|s| SegmentToTrack { name: &s.name, members: &s.members, time: s.time }).collect();
     let lens = Lens { fov_x: FOV, width: WIDTH, height: WIDTH };
     let camera = orbit(8, RADIUS, 0.35, lens)[0].to_kernel();
     let alone = |at: &HostGaussians, members: &[u32]| {

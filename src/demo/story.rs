@@ -4,14 +4,14 @@ use super::{FOV, Results};
 use crate::compare::curves;
 use crate::data::paths::{Lens, RADIUS, orbit};
 use crate::data::truth::{self, SegmentFile};
-use crate::draw::plot::{Series, line_plot};
+use crate::draw::plot::{PlotSeries, line_plot};
 use crate::eval::diagnosis;
 use crate::eval::results::headline_over_time;
 use crate::export::images::{encode_png, to_rgb8};
 use crate::memory::MIB;
 use crate::metrics::metric::{MetricDisplay, display, headline};
 use crate::model::ToKernel;
-use crate::report::{Block, Number, Report, Section};
+use crate::report::{Headline, Report, ReportBlock, ReportSection};
 use crate::shell;
 use crate::versioned;
 use image::RgbImage;
@@ -99,8 +99,8 @@ fn learning_curve(run: &Path) -> String {
         points.chunks(n).map(mid).collect()
     };
     let series = [
-        Series { name: "training views".into(), points: mean(&curves.train) },
-        Series { name: "test views".into(), points: curves.test },
+        PlotSeries { name: "training views".into(), points: mean(&curves.train) },
+        PlotSeries { name: "test views".into(), points: curves.test },
     ];
     line_plot("Learning curve", "step", "PSNR, dB", &series)
 }
@@ -113,13 +113,13 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
     let s = &results.evaluation.summary;
     let record = &results.outcome.record;
     let fps = |digits: usize| format!("{:.digits$}", s.speed.fps);
-    let number = |value: String, unit: &str, name: &str, note: &str| Number {
+    let number = |value: String, unit: &str, name: &str, note: &str| Headline {
         value,
         unit: unit.into(),
         name: name.into(),
         note: note.into(),
     };
-    let mut numbers: Vec<Number> = Vec::new();
+    let mut numbers: Vec<Headline> = Vec::new();
     for (shown, value) in s.metrics.shown_by_default() {
         let note = if shown.note.is_empty() { format!("{} test views", s.views) } else { shown.note.to_owned() };
         numbers.push(number(format!("{value:.*}", shown.digits), shown.unit, &shown.short, &note));
@@ -143,40 +143,40 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
     let [truth, render] = pictures.compare;
     let total: f64 = results.stages.iter().map(|(_, seconds)| seconds).sum();
     let mut sections = vec![
-        Section::new(
+        ReportSection::new(
             "scene",
             "The trained scene",
             "Rendered from the Gaussians alone, without the volume, while the camera orbits and time advances.",
             vec![
-                Block::Turntable {
+                ReportBlock::Turntable {
                     frames: pictures.turntable,
                     labels,
                     caption: "One orbit, time from 0 to 1.".into(),
                     fps: 12.0,
                 },
-                Block::Numbers(numbers),
+                ReportBlock::Numbers(numbers),
             ],
         ),
-        Section::new(
+        ReportSection::new(
             "quality",
             "Quality",
             "How close the renders are to the ray-cast ground truth, in unseen views and mostly at unseen times.",
             {
                 let mut blocks = vec![
-                    Block::Compare {
+                    ReportBlock::Compare {
                         left: truth,
                         left_name: "ray caster".into(),
                         right: render,
                         right_name: "Gaussians".into(),
                         caption: pictures.compare_name,
                     },
-                    Block::Table {
+                    ReportBlock::Table {
                         head: ["metric", "mean over test views"].map(String::from).to_vec(),
                         rows,
                         caption: format!("{} views of {}x{} over white, as 8-bit images", s.views, s.width, s.height),
                         highlight: Some(1),
                     },
-                    Block::Table {
+                    ReportBlock::Table {
                         head: diagnosis::head().to_vec(),
                         rows: diagnosis::rows(s).into_iter().map(|row| row.to_vec()).collect(),
                         caption: "What limits it: training views beside unseen ones, and where in the pictures the \
@@ -185,14 +185,17 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
                             .into(),
                         highlight: Some(2),
                     },
-                    Block::Svg {
+                    ReportBlock::Svg {
                         svg: headline_over_time(&results.evaluation),
                         caption: format!("{} of each test view.", headline().short),
                     },
-                    Block::Svg { svg: learning_curve(&results.run.path), caption: "PSNR during training.".into() },
+                    ReportBlock::Svg {
+                        svg: learning_curve(&results.run.path),
+                        caption: "PSNR during training.".into(),
+                    },
                 ];
                 if let Some(png) = pictures.sheet {
-                    blocks.push(Block::Figure {
+                    blocks.push(ReportBlock::Figure {
                         png,
                         alt: "Rows of truth, render and error map".into(),
                         caption: "Truth, render and error of a few test views.".into(),
@@ -203,7 +206,7 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
         ),
     ];
     if !pictures.segments.is_empty() {
-        sections.push(Section::new(
+        sections.push(ReportSection::new(
             "segments",
             "Segments",
             "The scene's parts are known, so what a click selects can be measured: a click on each part at one time, \
@@ -212,13 +215,13 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
         ));
     }
     let run = shell::path(&results.options.out.join("run"));
-    sections.push(Section::new(
+    sections.push(ReportSection::new(
         "time",
         "Where the time went",
         "",
         vec![
-            Block::Timings(results.stages.clone()),
-            Block::Text(format!(
+            ReportBlock::Timings(results.stages.clone()),
+            ReportBlock::Text(format!(
                 "{total:.0} seconds in all on {} threads; peak memory {:.2} GB; {} training steps on {} images.",
                 record.threads,
                 crate::memory::peak_memory() as f64 / 1e9,
@@ -227,11 +230,11 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
             )),
         ],
     ));
-    sections.push(Section::new(
+    sections.push(ReportSection::new(
         "yours",
         "Use your own data",
         "Volumes as .raw (with a small .toml), .nrrd, .vti, .nii or .npy; or posed images in the D-NeRF layout.",
-        vec![Block::Commands(
+        vec![ReportBlock::Commands(
             [
                 ("what a volume holds", "volseggs inspect my-volume.nrrd --picture histogram.png".to_owned()),
                 (
@@ -259,7 +262,7 @@ pub(super) fn assemble(results: &Results<'_>, pictures: Pictures) -> Result<Repo
 }
 
 /// Ground truth, table, pictures and curves of segmentation and tracking.
-fn segment_blocks(results: &Results<'_>, known: Vec<(Vec<u8>, String)>) -> Result<Vec<Block>, String> {
+fn segment_blocks(results: &Results<'_>, known: Vec<(Vec<u8>, String)>) -> Result<Vec<ReportBlock>, String> {
     let (story, png) = (&results.segments, |image: &RgbImage| encode_png(image).map_err(|e| e.to_string()));
     let cell = |v: Option<f64>, digits: usize| v.map_or("-".to_owned(), |v| format!("{v:.digits$}"));
     let rows = story.evaluation.results.iter().map(|r| {
@@ -288,8 +291,8 @@ fn segment_blocks(results: &Results<'_>, known: Vec<(Vec<u8>, String)>) -> Resul
         "click, ms",
     ];
     Ok(vec![
-        Block::Figures { items: known, columns: 5 },
-        Block::Table {
+        ReportBlock::Figures { items: known, columns: 5 },
+        ReportBlock::Table {
             head: head.map(String::from).to_vec(),
             rows: rows.collect(),
             caption: format!(
@@ -299,17 +302,17 @@ fn segment_blocks(results: &Results<'_>, known: Vec<(Vec<u8>, String)>) -> Resul
             ),
             highlight: Some(2),
         },
-        Block::Figure {
+        ReportBlock::Figure {
             png: png(&story.sheet)?,
             alt: "Each segment: truth, coarse, coarse and fine".into(),
             caption: "Truth, and what each method selects.".into(),
         },
-        Block::Figure {
+        ReportBlock::Figure {
             png: png(&story.tracks)?,
             alt: "Each segment at six times".into(),
             caption: "Each segment tracked through time.".into(),
         },
-        Block::Svg { svg: story.iou_over_time(), caption: "IoU at each time, coarse and fine.".into() },
-        Block::Svg { svg: story.volume_over_time(), caption: "Volume of each segment over time.".into() },
+        ReportBlock::Svg { svg: story.iou_over_time(), caption: "IoU at each time, coarse and fine.".into() },
+        ReportBlock::Svg { svg: story.volume_over_time(), caption: "Volume of each segment over time.".into() },
     ])
 }

@@ -5,7 +5,7 @@
 //! generalise to other views. Test views at trained times far above those between them indicate a problem of
 //! interpolation in time. Low values everywhere indicate a problem of the model or its training.
 
-use super::regions::{ByRegion, Region};
+use super::regions::{ByRegion, ErrorRegion};
 use super::run::Summary;
 use crate::metrics::METRICS;
 use crate::metrics::metric::display;
@@ -68,7 +68,7 @@ pub fn rows(summary: &Summary) -> Vec<[String; 6]> {
     let training = summary.training_views.as_ref().map(|t| ("training", t.by_region));
     for (whose, parts) in [(split.as_str(), summary.by_region)].into_iter().chain(training) {
         for (name, part) in [("edges", parts.edge), ("interior", parts.interior), ("outside", parts.outside)] {
-            let Region { pixels, error, psnr } = part;
+            let ErrorRegion { pixels, error, psnr } = part;
             let psnr = psnr.map_or("-".to_owned(), |psnr| format!("{psnr:.2}"));
             let share = |v: f64| format!("{:.1}", 100.0 * v);
             out.push([format!("{name} of {whose} views"), none(), psnr, none(), share(pixels), share(error)]);

@@ -15,7 +15,7 @@ pub const REACH: usize = 1;
 
 /// Error of the pixels of one region, over all views.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Region {
+pub struct ErrorRegion {
     /// Their fraction of all pixels, in [0, 1].
     pub pixels: f64,
     /// Their fraction of the squared error of all pixels, in [0, 1]; 0 if there is no error at all.
@@ -28,11 +28,11 @@ pub struct Region {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ByRegion {
     /// Near strong changes of the ground-truth image or its alpha.
-    pub edge: Region,
+    pub edge: ErrorRegion,
     /// Covered, and not near an edge.
-    pub interior: Region,
+    pub interior: ErrorRegion,
     /// All other pixels.
-    pub outside: Region,
+    pub outside: ErrorRegion,
 }
 
 /// Sums over views, for edge, interior and outside.
@@ -59,7 +59,7 @@ impl RegionSums {
         let (pixels, squared) = (self.pixels.iter().sum::<u64>() as f64, self.squared.iter().sum::<f64>());
         let region = |i: usize| {
             let mean = share(self.squared[i], 3.0 * self.pixels[i] as f64);
-            Region {
+            ErrorRegion {
                 pixels: share(self.pixels[i] as f64, pixels),
                 error: share(self.squared[i], squared),
                 psnr: (mean > 0.0).then(|| -10.0 * mean.log10()),

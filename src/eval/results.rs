@@ -1,7 +1,7 @@
 //! Files of an evaluation (per-view table, means, contact sheet, PSNR over time), and the folder they go to.
 
 use super::run::{Evaluation, Summary, to_csv};
-use crate::draw::plot::{Series, line_plot};
+use crate::draw::plot::{PlotSeries, line_plot};
 use crate::export::images::encode_png;
 use crate::files::{AtomicDir, FolderKind, WriteError, read_regular};
 use crate::metrics::metric::headline;
@@ -56,7 +56,7 @@ fn owner(file: &Path) -> Option<String> {
 pub fn headline_over_time(evaluation: &Evaluation) -> String {
     let mut points: Vec<(f64, f64)> = evaluation.views.iter().map(|v| (v.time, v.metrics.headline())).collect();
     points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let series = [Series { name: evaluation.summary.split.clone(), points }];
+    let series = [PlotSeries { name: evaluation.summary.split.clone(), points }];
     let display = headline();
     line_plot(&format!("{} over time", display.short), "time", display.unit, &series)
 }
@@ -68,20 +68,21 @@ pub fn headline_over_time(evaluation: &Evaluation) -> String {
 /// If something else is there, or a file cannot be written.
 pub fn write_results(folder: &Path, evaluation: &Evaluation) -> Result<(), WriteError> {
     let out = AtomicDir::create_replacing(folder, &KIND, &[])?;
-    let write = |name: &str, bytes: &[u8]| std::fs::write(out.dir().join(name), bytes).map_err(WriteError::at(folder));
+    let write =
+        |name: &str, bytes: &[u8]| std::fs::write(out.dir().join(name), bytes).map_err(WriteError::writing(folder));
     let summary: &Summary = &evaluation.summary;
     write("views.csv", to_csv(&evaluation.views).as_bytes())?;
-    write("mean.json", &versioned::to_json_pretty(summary).map_err(WriteError::at(folder))?)?;
+    write("mean.json", &versioned::to_json_pretty(summary).map_err(WriteError::writing(folder))?)?;
     write("psnr-over-time.svg", headline_over_time(evaluation).as_bytes())?;
     if let Some(sheet) = &evaluation.sheet {
-        write("contact-sheet.png", &encode_png(sheet).map_err(WriteError::at(folder))?)?;
+        write("contact-sheet.png", &encode_png(sheet).map_err(WriteError::writing(folder))?)?;
     }
-    std::fs::create_dir(out.dir().join("pictures")).map_err(WriteError::at(folder))?;
+    std::fs::create_dir(out.dir().join("pictures")).map_err(WriteError::writing(folder))?;
     for picture in &evaluation.pictures {
         // the name of a view may contain folders
         let name = picture.view.replace(['/', '\\'], "-");
         for (kind, image) in [("truth", &picture.truth), ("render", &picture.render)] {
-            let png = encode_png(image).map_err(WriteError::at(folder))?;
+            let png = encode_png(image).map_err(WriteError::writing(folder))?;
             write(&format!("pictures/{name}-{kind}.png"), &png)?;
         }
     }

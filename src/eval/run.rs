@@ -5,7 +5,7 @@ use super::distance::{AtDistance, by_distance};
 use super::regions::{ByRegion, RegionSums};
 use super::results::DataId;
 use super::sheet::{SheetRow, contact_sheet};
-use super::speed::{self, Speed};
+use super::speed::{self, RenderSpeed};
 use crate::csv;
 use crate::data::Split;
 use crate::metrics::METRICS;
@@ -55,7 +55,7 @@ pub struct Summary {
     pub by_region: ByRegion,
     /// Frames per second: `fps`, `fps_frames`, `fps_with_copy`.
     #[serde(flatten)]
-    pub speed: Speed,
+    pub speed: RenderSpeed,
     /// Seconds of training.
     pub training_seconds: f64,
     /// Steps of training; `None` if they are unknown.
@@ -106,7 +106,7 @@ pub struct ViewPicture {
 
 /// What the evaluation cannot determine itself.
 #[derive(Debug, Default)]
-pub struct Costs {
+pub struct RenderCosts {
     /// Seconds of training.
     pub training_seconds: f64,
     /// Steps of training, if known.
@@ -118,12 +118,12 @@ pub struct Costs {
     /// Times in [0, 1] that were trained on; empty if unknown.
     pub trained_times: Vec<f64>,
     /// Training views to measure in addition to the split's; `None` if they are the split, or unknown.
-    pub training_views: Option<Sample>,
+    pub training_views: Option<ViewSample>,
 }
 
 /// A sample of views.
 #[derive(Debug)]
-pub struct Sample {
+pub struct ViewSample {
     /// The views, with their images.
     pub split: Split,
     /// Number of views that it is a sample of.
@@ -131,7 +131,7 @@ pub struct Sample {
 }
 
 /// The render and the ground truth of a view, as 8-bit images.
-struct Pair {
+struct ViewPair {
     /// `[H, W, 3]`
     render: Vec<f32>,
     /// `[H, W, 3]` over the model's background.
@@ -140,7 +140,7 @@ struct Pair {
     alpha: Vec<f32>,
 }
 
-impl Pair {
+impl ViewPair {
     fn new(split: &Split) -> Self {
         let pixels = split.images.width as usize * split.images.height as usize;
         Self { render: vec![0.0; 3 * pixels], truth: vec![0.0; 3 * pixels], alpha: vec![0.0; pixels] }
@@ -172,8 +172,8 @@ impl Pair {
 }
 
 /// Measures views that were trained on, of which there is at least one, by what needs no network.
-fn measure_sample(model: &dyn Model, sample: &Sample) -> Result<TrainingViews, String> {
-    let mut pair = Pair::new(&sample.split);
+fn measure_sample(model: &dyn Model, sample: &ViewSample) -> Result<TrainingViews, String> {
+    let mut pair = ViewPair::new(&sample.split);
     let (mut views, mut regions) = (Vec::new(), RegionSums::default());
     for i in 0..sample.split.frames.len() {
         views.push(pair.measure(model, &sample.split, i, &Networks::default(), &mut regions)?);
@@ -191,7 +191,7 @@ pub fn evaluate(
     model: &dyn Model,
     split: &Split,
     networks: &Networks,
-    costs: &Costs,
+    costs: &RenderCosts,
     mut progress: impl FnMut(usize, &MetricValues),
 ) -> Result<Evaluation, String> {
     let (w, h) = (split.images.width as usize, split.images.height as usize);
@@ -199,12 +199,12 @@ pub fn evaluate(
     let shown: Vec<usize> = (0..n.min(6)).map(|k| (2 * k + 1) * n / (2 * n.min(6))).collect();
     let (mut kept, mut pictures) = (Vec::new(), Vec::new());
     let mut views = Vec::with_capacity(n);
-    let mut pair = Pair::new(split);
+    let mut pair = ViewPair::new(split);
     let mut regions = RegionSums::default();
     let speed = speed::measure(model, split)?;
     for (i, frame) in split.frames.iter().enumerate() {
         let metrics = pair.measure(model, split, i, networks, &mut regions)?;
-        let Pair { render, truth, .. } = &pair;
+        let ViewPair { render, truth, .. } = &pair;
         progress(i + 1, &metrics);
         if shown.contains(&i) {
             let picture = |rgb: &[f32]| {

@@ -20,7 +20,7 @@ const BLOCKS: usize = 5;
 /// Frames per second over a split's views, each at its own time. Both figures include all that drawing takes (for
 /// VolSegGS, deformation and splatting), repeated for every frame; neither includes reading, warm-up or metrics.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Speed {
+pub struct RenderSpeed {
     /// Without the copy of images to the host: frames are drawn one after another, and the clock stops when the device
     /// has finished all of its work.
     pub fps: f64,
@@ -35,7 +35,7 @@ pub struct Speed {
 ///
 /// # Errors
 /// If there is no view, or the device fails.
-pub fn measure(model: &dyn Model, split: &Split) -> Result<Speed, String> {
+pub fn measure(model: &dyn Model, split: &Split) -> Result<RenderSpeed, String> {
     let views = split.frames.len();
     if views == 0 {
         return Err("frames per second: the split has no views".to_owned());
@@ -68,7 +68,7 @@ pub fn measure(model: &dyn Model, split: &Split) -> Result<Speed, String> {
         block.iter().for_each(|view| copy(*view));
         copied += started.elapsed().as_secs_f64();
     }
-    Ok(Speed { fps: frames as f64 / alone, fps_frames: frames, fps_with_copy: frames as f64 / copied })
+    Ok(RenderSpeed { fps: frames as f64 / alone, fps_frames: frames, fps_with_copy: frames as f64 / copied })
 }
 
 /// Returns how many frames to draw if one takes `seconds`: fewer than there are views, or each view equally often.

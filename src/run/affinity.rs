@@ -2,11 +2,11 @@
 
 use super::{OpenRun, RunError};
 use crate::config::types::segment::AffinityConfig;
-use crate::memory::{Budget, product};
+use crate::memory::{MemoryBudget, product};
 use crate::points::principal::principal;
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::{self, AffinitySpec};
-use crate::segment::fine::network::{FEATURES, Frame};
+use crate::segment::fine::network::{FEATURES, PositionBox};
 use crate::segment::fine::train::{FineError, train};
 use crate::segment::fine::views::read_views;
 use crate::segment::masks::MaskReader;
@@ -19,7 +19,7 @@ const SCALE: f32 = 0.5;
 
 /// Progress of training.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Stage {
+pub enum AffinityProgress {
     /// Views with masks are being read.
     Read {
         /// Views read so far.
@@ -47,7 +47,7 @@ pub enum Stage {
 
 /// Outcome of training.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Trained {
+pub struct TrainedAffinity {
     /// Running mean of the loss at the end.
     pub loss: f64,
     /// Seconds spent on the steps alone.
@@ -86,7 +86,13 @@ pub fn open(run: &OpenRun) -> Result<(AffinityField, AffinitySpec), RunError> {
 ///
 /// # Errors
 /// If it cannot be written.
-pub fn save(run: &OpenRun, field: &AffinityField, frame: Frame, time: f64, spreads: Vec<f32>) -> Result<(), RunError> {
+pub fn save(
+    run: &OpenRun,
+    field: &AffinityField,
+    frame: PositionBox,
+    time: f64,
+    spreads: Vec<f32>,
+) -> Result<(), RunError> {
     let spec = AffinitySpec { frame, time, scene: run.scene.fingerprint(), spreads };
     file::save(&run.paths().affinity(), field, &spec).map_err(RunError::failure)
 }
@@ -125,8 +131,8 @@ pub fn fit(
     run: &OpenRun,
     options: &AffinityConfig,
     seed: u64,
-    mut goes_on: impl FnMut(Stage) -> bool,
-) -> Result<Option<Trained>, RunError> {
+    mut goes_on: impl FnMut(AffinityProgress) -> bool,
+) -> Result<Option<TrainedAffinity>, RunError> {
     let all = run.segments()?;
     let path = run.paths().masks();
     if !path.exists() {
@@ -141,9 +147,9 @@ pub fn fit(
     // which pixels the masks of a view cover
     let covered = product(&[header.width as usize, header.height as usize, 2]);
     let what = format!("{}: pictures of {}x{} pixels", path.display(), header.width, header.height);
-    Budget::now().check(what, covered).map_err(RunError::input)?;
+    MemoryBudget::now().check(what, covered).map_err(RunError::input)?;
     let at = run.scene.host_at(header.time as f32);
-    let frame = Frame::around(&at.visible_means());
+    let frame = PositionBox::around(&at.visible_means());
     let again = format!("run `volseggs segment masks {} --replace`", shell::path(&run.path));
     let keys: Vec<String> = all.segments.iter().map(|s| members_key(&s.members)).collect();
     let of = |(i, name): (usize, &String)| {
@@ -166,11 +172,11 @@ pub fn fit(
     let (rendering, device, mut done) = (run.scene.spec.rendering(), run.device(), 0);
     let (views, spreads) = read_views(&masks, (&at, rendering), &frame, &members, seed, &device, |_| {
         done += 1;
-        goes_on(Stage::Read { done, all: header.views.len() });
+        goes_on(AffinityProgress::Read { done, all: header.views.len() });
     })
     .map_err(RunError::input)?;
     let seconds = started.elapsed().as_secs_f64();
-    if !goes_on(Stage::Begins { views: views.len(), masks: spreads.len(), seconds }) {
+    if !goes_on(AffinityProgress::Begins { views: views.len(), masks: spreads.len(), seconds }) {
         return Ok(None);
     }
 
@@ -179,7 +185,7 @@ pub fn fit(
     let field = train(&views, options, seed, &device, |step, loss| {
         let mean = smooth.map_or(loss, |s: f64| 0.98 * s + 0.02 * loss);
         smooth = Some(mean);
-        stopped = !goes_on(Stage::Step { done: step + 1, loss: mean });
+        stopped = !goes_on(AffinityProgress::Step { done: step + 1, loss: mean });
         !stopped
     })
     .map_err(|e| match e {
@@ -191,5 +197,5 @@ pub fn fit(
     }
     let seconds = started.elapsed().as_secs_f64();
     save(run, &field, frame, header.time, spreads)?;
-    Ok(Some(Trained { loss: smooth.unwrap_or_default(), seconds }))
+    Ok(Some(TrainedAffinity { loss: smooth.unwrap_or_default(), seconds }))
 }

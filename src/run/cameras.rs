@@ -1,13 +1,13 @@
 //! Cameras of a run: those of its dataset, those a user may place, and how large a picture memory allows.
 
 use super::saved::SavedView;
-use super::{OpenRun, RunError, Trained};
+use super::{OpenRun, RunError, TrainedModel};
 use crate::data::images::ImageSet;
 use crate::data::paths::Lens;
 use crate::data::transforms::FrameRecord;
 use crate::data::{Camera, SplitName, Transforms};
 use crate::export::images::to_rgb8;
-use crate::memory::{Budget, product};
+use crate::memory::{MemoryBudget, product};
 use glam::DVec3;
 use image::RgbImage;
 use schemars::JsonSchema;
@@ -73,7 +73,7 @@ pub struct Placed {
 /// If it does not fit; the error names the flag and the available memory.
 pub fn check_lens(flag: &str, lens: Lens) -> Result<(), RunError> {
     let bytes = product(&[lens.width as usize, lens.height as usize, PIXEL_BYTES]);
-    Budget::now().check(flag, bytes).map_err(RunError::input)
+    MemoryBudget::now().check(flag, bytes).map_err(RunError::input)
 }
 
 /// Checks that a scene of this half size is visible from this distance to its centre, both in the dataset's units.
@@ -101,7 +101,7 @@ impl OpenRun {
     }
 }
 
-impl<S: Trained> OpenRun<S> {
+impl<S: TrainedModel> OpenRun<S> {
     /// Returns the camera of `choice` and, for a test view or a saved view, its time. `lens` is that of
     /// the training cameras; a saved view has its own.
     ///

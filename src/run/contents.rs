@@ -17,7 +17,7 @@ use std::path::Path;
 
 /// One file or kind of file of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Item {
+pub struct RunItem {
     /// Its path within the run.
     pub file: String,
     /// What it holds, or what is wrong with it, in words.
@@ -37,7 +37,7 @@ pub struct SegmentSize {
 
 /// What a run folder holds.
 #[derive(Clone, Debug, Default, Serialize)]
-pub struct Contents {
+pub struct RunContents {
     /// `complete`, `interrupted`, `running` or `broken off`; `None` if the record cannot be read.
     pub status: Option<String>,
     /// The record; `None` if it cannot be read.
@@ -55,10 +55,10 @@ pub struct Contents {
     /// Number of edits in effect.
     pub edits: usize,
     /// All files that were checked.
-    pub files: Vec<Item>,
+    pub files: Vec<RunItem>,
 }
 
-impl Contents {
+impl RunContents {
     /// Checks every file of the run in the folder `run` that a command reads. Nothing is changed.
     pub fn list(run: &Path) -> Self {
         let mut found = Self::default();
@@ -100,7 +100,7 @@ impl Contents {
     }
 
     /// The first file that is damaged.
-    pub fn damaged(&self) -> Option<&Item> {
+    pub fn damaged(&self) -> Option<&RunItem> {
         self.files.iter().find(|item| !item.ok)
     }
 
@@ -110,7 +110,7 @@ impl Contents {
             Ok(detail) => (true, detail),
             Err(error) => (false, error.to_string()),
         };
-        self.files.push(Item { file, detail, ok });
+        self.files.push(RunItem { file, detail, ok });
     }
 
     fn record(&mut self, run: &Path) {

@@ -1,6 +1,6 @@
 //! The dataset of a run: where it is, and what the run keeps of it.
 
-use super::{OpenRun, RunError, Trained};
+use super::{OpenRun, RunError, TrainedModel};
 use crate::data::{Calibration, Dataset, OpenOptions, Split, SplitName};
 use crate::files::{RunPaths, read_text};
 use crate::train::open_measured;
@@ -9,7 +9,7 @@ use crate::versioned;
 use crate::words::plain;
 use std::path::{Path, PathBuf};
 
-impl<S: Trained> OpenRun<S> {
+impl<S: TrainedModel> OpenRun<S> {
     /// Returns the physical space and time of the scene, as far as its dataset gave them.
     pub fn calibration(&self) -> &Calibration {
         &self.record.calibration

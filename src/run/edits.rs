@@ -1,6 +1,6 @@
 //! Changes to a run's edits. A change that is refused leaves them unchanged.
 
-use super::segments::{Towards, check_count};
+use super::segments::{HistoryDirection, check_count};
 use super::selection::{Selection, check_edits};
 use super::{OpenRun, RunError};
 use crate::edit::{Edit, EditError, EditStack};
@@ -59,18 +59,18 @@ fn is_outside(run: &OpenRun, names: &[String]) -> Result<bool, RunError> {
 ///
 /// # Errors
 /// If there are fewer, or an edit to be redone names a segment that no longer exists.
-pub fn step(run: &OpenRun, towards: Towards, count: usize) -> Result<EditStack, RunError> {
+pub fn step(run: &OpenRun, towards: HistoryDirection, count: usize) -> Result<EditStack, RunError> {
     let mut stack = run.edits()?;
     let there = match towards {
-        Towards::Undo => stack.operations.len(),
-        Towards::Redo => stack.undone.len(),
+        HistoryDirection::Undo => stack.operations.len(),
+        HistoryDirection::Redo => stack.undone.len(),
     };
     check_count(towards, count, there, &run.paths().edits())?;
-    let all = matches!(towards, Towards::Redo).then(|| run.segments()).transpose()?;
+    let all = matches!(towards, HistoryDirection::Redo).then(|| run.segments()).transpose()?;
     for _ in 0..count {
         match towards {
-            Towards::Undo => drop(stack.undo()),
-            Towards::Redo => {
+            HistoryDirection::Undo => drop(stack.undo()),
+            HistoryDirection::Redo => {
                 if let (Some(edit), Some(all)) = (stack.redo(), &all) {
                     check_names(all, edit)?;
                 }

@@ -6,12 +6,12 @@ use super::selection::Selection;
 use super::{OpenRun, RunError};
 use crate::data::Calibration;
 use crate::data::calibration::NORMALISED;
-use crate::export::fields::Field;
+use crate::export::fields::VoxelField;
 use crate::model::HostGaussians;
 use crate::model::params::to_vec;
 use crate::prepare::PrepareRecord;
 use crate::segment::colour::{fibonacci_sphere, mean_colour};
-use crate::segment::place::{Cloud, Fields};
+use crate::segment::place::{Cloud, DensityFields};
 use crate::track::velocity::velocities;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -149,12 +149,13 @@ impl<'r> RunFields<'r> {
     ///
     /// # Errors
     /// If an edit cannot be applied.
-    pub fn fields_at(&self, time: f64) -> Result<Vec<Field>, RunError> {
+    pub fn fields_at(&self, time: f64) -> Result<Vec<VoxelField>, RunError> {
         let scene = &self.run.scene;
         let at = self.grid.along(self.selection.gaussians_at(scene, time as f32)?.widened(self.run.widening()));
         let opacity = at.opacity();
         let labels = vec![0; at.len()];
-        let fields = Fields::new(&Cloud::new(&at, &opacity, &labels), &self.grid.scene).map_err(RunError::input)?;
+        let fields =
+            DensityFields::new(&Cloud::new(&at, &opacity, &labels), &self.grid.scene).map_err(RunError::input)?;
         let field = |kind: FieldKind| {
             let components = kind.components();
             let values = match kind {
@@ -177,7 +178,7 @@ impl<'r> RunFields<'r> {
                     fields.average(|i| (0..3).map(|c| LUMINANCE[c] * colours[3 * i + c]).sum())
                 }
             };
-            Ok(Field {
+            Ok(VoxelField {
                 name: kind.name(),
                 unit: kind.unit(self.length_unit(), self.calibration.time_unit()),
                 components,

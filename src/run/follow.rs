@@ -3,14 +3,14 @@
 use super::selection::Selection;
 use super::{OpenRun, RunError};
 use crate::data::{Calibration, Camera, SplitName};
-use crate::memory::{Budget, product};
+use crate::memory::{MemoryBudget, product};
 use crate::model::ToKernel;
 use crate::name::Name;
 use crate::segment::pictures::draw;
-use crate::segment::segmentation::Origin;
-use crate::track::follow::{self as track, FollowOptions, Followed, Followup};
-use crate::track::report::{PictureOptions, ReportError, ReportFolder};
-use crate::track::statistics::{SegmentStatistics, Status};
+use crate::segment::segmentation::SegmentOrigin;
+use crate::track::follow::{self as track, FollowOptions, SegmentToTrack, TrackedSegment};
+use crate::track::report::{PictureOptions, ReportFolder, TrackReportError};
+use crate::track::statistics::{RowStatus, SegmentStatistics};
 use rayon::prelude::*;
 use std::path::Path;
 
@@ -23,7 +23,7 @@ const MEMBER_BYTES: usize = 12;
 
 /// Times in [0, 1], in the order in which segments are tracked. They are listed only once memory is known to suffice.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Times {
+pub enum TrackedTimes {
     /// Evenly spaced times, backward if `to` is before `from`.
     Even {
         /// First time.
@@ -37,7 +37,7 @@ pub enum Times {
     At(Vec<f64>),
 }
 
-impl Times {
+impl TrackedTimes {
     /// Returns an upper bound on the number of times.
     pub fn count(&self) -> usize {
         match self {
@@ -71,7 +71,7 @@ pub struct FollowRequest<'a> {
     /// Track them as one segment of this name.
     pub group: Option<&'a Name>,
     /// When to track them.
-    pub times: &'a Times,
+    pub times: &'a TrackedTimes,
     /// The option that set the number of times, such as `--frames 51`, for the error if they do not fit into memory.
     pub asked: &'a str,
     /// Camera of the pictures.
@@ -86,7 +86,7 @@ pub struct FollowRequest<'a> {
 
 /// Progress, reported for each time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
+pub enum FollowProgress {
     /// Segments were tracked at another time.
     Followed,
     /// Segments were drawn at another time.
@@ -103,9 +103,9 @@ pub fn measure(
     run: &OpenRun,
     segments: &[String],
     group: Option<&Name>,
-    (times, asked): (&Times, &str),
+    (times, asked): (&TrackedTimes, &str),
     goes_on: impl FnMut() -> bool,
-) -> Result<Option<Vec<Followup>>, RunError> {
+) -> Result<Option<Vec<TrackedSegment>>, RunError> {
     let wanted = wanted(run, segments, group)?;
     check_memory(&wanted, times, asked)?;
     follow_all(run, &wanted, &times.list(), goes_on)
@@ -121,8 +121,8 @@ pub fn measure(
 pub fn follow(
     run: &OpenRun,
     request: &FollowRequest<'_>,
-    mut goes_on: impl FnMut(Stage) -> bool,
-) -> Result<Option<Vec<Followup>>, RunError> {
+    mut goes_on: impl FnMut(FollowProgress) -> bool,
+) -> Result<Option<Vec<TrackedSegment>>, RunError> {
     let wanted = wanted(run, request.segments, request.group)?;
     let folder = request.out.map_or_else(|| run.paths().tracks(), Path::to_owned);
     if request.out.is_none() {
@@ -135,7 +135,7 @@ pub fn follow(
     // created before the work, so that a folder that cannot be replaced is reported at once
     let report = |w: &Wanted| ReportFolder::create(&folder, &w.name, request.pictures);
     let mut reports = wanted.iter().map(report).collect::<Result<Vec<_>, _>>().map_err(report_error)?;
-    let found = follow_all(run, &wanted, times, || goes_on(Stage::Followed))?;
+    let found = follow_all(run, &wanted, times, || goes_on(FollowProgress::Followed))?;
     let Some(mut found) = found else { return Ok(None) };
 
     let (camera, rendering, device) = (request.camera, run.scene.spec.rendering(), run.device());
@@ -148,7 +148,7 @@ pub fn follow(
         let size = [camera.width as usize, camera.height as usize];
         let add = |(report, rgba): (&mut ReportFolder, &Vec<f32>)| report.add(rgba, size, label.clone());
         reports.par_iter_mut().zip(&pictures).try_for_each(add).map_err(report_error)?;
-        if !goes_on(Stage::Drawn) {
+        if !goes_on(FollowProgress::Drawn) {
             return Ok(None);
         }
     }
@@ -159,10 +159,10 @@ pub fn follow(
 }
 
 /// Checks that the times fit into memory.
-fn check_memory(wanted: &[Wanted], times: &Times, asked: &str) -> Result<(), RunError> {
+fn check_memory(wanted: &[Wanted], times: &TrackedTimes, asked: &str) -> Result<(), RunError> {
     let bytes = wanted.iter().map(|w| ROW_BYTES + MEMBER_BYTES * w.members.len()).sum();
     // at each time, every Gaussian of a segment has a part and an opacity
-    Budget::now().check(asked, product(&[times.count(), bytes])).map_err(RunError::input)
+    MemoryBudget::now().check(asked, product(&[times.count(), bytes])).map_err(RunError::input)
 }
 
 fn follow_all(
@@ -170,14 +170,14 @@ fn follow_all(
     wanted: &[Wanted],
     times: &[f64],
     mut goes_on: impl FnMut() -> bool,
-) -> Result<Option<Vec<Followup>>, RunError> {
-    let segments: Vec<Followed<'_>> =
-        wanted.iter().map(|w| Followed { name: &w.name, members: &w.members, time: w.time }).collect();
+) -> Result<Option<Vec<TrackedSegment>>, RunError> {
+    let segments: Vec<SegmentToTrack<'_>> =
+        wanted.iter().map(|w| SegmentToTrack { name: &w.name, members: &w.members, time: w.time }).collect();
     let all = run.segments()?;
     let others =
         all.leaves().iter().map(|name| all.get(name)).collect::<Result<Vec<_>, _>>().map_err(RunError::input)?;
     let others: Vec<&[u32]> =
-        others.into_iter().filter(|s| s.origin != Origin::Group).map(|s| s.members.as_slice()).collect();
+        others.into_iter().filter(|s| s.origin != SegmentOrigin::Group).map(|s| s.members.as_slice()).collect();
     let widening = run.widening();
     let scene = |time: f64| goes_on().then(|| run.scene.host_at(time as f32).widened(widening));
     let spec = &run.scene.spec;
@@ -198,16 +198,16 @@ fn trained_times(run: &OpenRun) -> Vec<f64> {
 }
 
 /// Returns what a reader of the tables should know about how far they can be relied on, one sentence each.
-pub fn cautions(found: &Followup, calibration: &Calibration) -> Vec<String> {
+pub fn cautions(found: &TrackedSegment, calibration: &Calibration) -> Vec<String> {
     let rows = &found.statistics;
     let of = |n: usize| format!("{n} of {} times", rows.len());
     let count = |which: &dyn Fn(&SegmentStatistics) -> bool| rows.iter().filter(|row| which(row)).count();
     let mut said = Vec::new();
-    let lost = count(&|row| row.status == Status::Lost);
+    let lost = count(&|row| row.status == RowStatus::Lost);
     if lost > 0 {
         said.push(format!("it is lost at {}: nothing, or hardly anything, of it is left there", of(lost)));
     }
-    let weak = count(&|row| row.status == Status::Weak);
+    let weak = count(&|row| row.status == RowStatus::Weak);
     if weak > 0 {
         said.push(format!(
             "at {} less than half of it supports its place (columns counted_share and consistency)",
@@ -274,9 +274,9 @@ fn check_group(run: &OpenRun, wanted: &[Wanted]) -> Result<(), RunError> {
     }
 }
 
-fn report_error(error: ReportError) -> RunError {
+fn report_error(error: TrackReportError) -> RunError {
     match error {
-        ReportError::Replace(error) => error.into(),
+        TrackReportError::Replace(error) => error.into(),
         error => RunError::failure(error),
     }
 }
@@ -293,11 +293,15 @@ mod tests {
 
     #[test]
     fn times_run_forward_or_backward_and_each_is_listed_once() {
-        let even = |from, to, frames| Times::Even { from, to, frames }.list();
+        let even = |from, to, frames| TrackedTimes::Even { from, to, frames }.list();
         assert_eq!(even(0.0, 1.0, 5), [0.0, 0.25, 0.5, 0.75, 1.0]);
         assert_eq!(even(0.5, 0.0, 2), [0.5, 0.0]);
-        assert_eq!(Times::At(vec![0.4, 0.1, 0.4]).list(), [0.1, 0.4]);
-        assert_eq!(Times::Even { from: 0.0, to: 1.0, frames: usize::MAX }.count(), usize::MAX, "without listing them");
+        assert_eq!(TrackedTimes::At(vec![0.4, 0.1, 0.4]).list(), [0.1, 0.4]);
+        assert_eq!(
+            TrackedTimes::Even { from: 0.0, to: 1.0, frames: usize::MAX }.count(),
+            usize::MAX,
+            "without listing them"
+        );
     }
 
     #[test]

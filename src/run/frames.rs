@@ -27,7 +27,7 @@ const KIND: FolderKind = FolderKind {
 
 /// What the frames of a folder show.
 #[derive(Debug, Serialize)]
-pub struct Record {
+pub struct RenderRecord {
     /// Version of the program.
     pub version: &'static str,
     /// Folder of the run.
@@ -55,7 +55,7 @@ pub struct Record {
 
 /// What is behind the pictures of a render.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Background {
+pub enum FrameBackground {
     /// The colour that the scene was trained over.
     #[default]
     Scene,
@@ -63,7 +63,7 @@ pub enum Background {
     Transparent([f32; 3]),
 }
 
-impl Background {
+impl FrameBackground {
     fn color(self) -> ColorType {
         if self == Self::Scene { ColorType::Rgb } else { ColorType::Rgba }
     }
@@ -79,13 +79,13 @@ impl Background {
 
 /// Function that draws a frame from a camera and a time in [0, 1] to `[H, W, 4]`, as [`super::look::Look::frame`] or a
 /// model does.
-pub type Draw<'a> = dyn FnMut(&Camera, f64) -> Result<Vec<f32>, RunError> + 'a;
+pub type DrawFrame<'a> = dyn FnMut(&Camera, f64) -> Result<Vec<f32>, RunError> + 'a;
 
 /// Draws a frame and adds the time taken to `seconds`; returns its samples.
 fn picture(
-    draw: &mut Draw<'_>,
+    draw: &mut DrawFrame<'_>,
     (camera, time): (&Camera, f64),
-    background: Background,
+    background: FrameBackground,
     stop: &AtomicBool,
     seconds: &mut f64,
 ) -> Result<Vec<u8>, RunError> {
@@ -144,9 +144,9 @@ pub fn check_name(out: &Path) -> Result<(), RunError> {
 /// or `stop` was set.
 pub fn film(
     out: &Path,
-    draw: &mut Draw<'_>,
+    draw: &mut DrawFrame<'_>,
     views: &[(Camera, f64)],
-    background: Background,
+    background: FrameBackground,
     fps: u16,
     stop: &AtomicBool,
 ) -> Result<f64, RunError> {
@@ -154,7 +154,7 @@ pub fn film(
     let (width, height) = views.first().map_or((1, 1), |(c, _)| (c.width, c.height));
     let mut frames = views.iter().map(|(camera, time)| picture(draw, (camera, *time), background, stop, &mut seconds));
     if out.extension().is_some_and(|e| e.eq_ignore_ascii_case("mp4")) {
-        if background != Background::Scene {
+        if background != FrameBackground::Scene {
             let problem = "MP4 holds no transparency; write NAME.png or a folder, or omit --background";
             return Err(RunError::input(format!("--out {}: {problem}", out.display())));
         }
@@ -197,9 +197,9 @@ impl Frames {
     /// If a frame cannot be drawn or written, or `stop` was set.
     pub fn draw(
         &mut self,
-        draw: &mut Draw<'_>,
+        draw: &mut DrawFrame<'_>,
         views: &[(Camera, f64)],
-        background: Background,
+        background: FrameBackground,
         fps: u16,
         stop: &AtomicBool,
     ) -> Result<(), RunError> {
@@ -214,10 +214,10 @@ impl Frames {
 
     fn frame(
         &mut self,
-        draw: &mut Draw<'_>,
+        draw: &mut DrawFrame<'_>,
         i: usize,
         (camera, time): &(Camera, f64),
-        background: Background,
+        background: FrameBackground,
         stop: &AtomicBool,
     ) -> Result<Vec<u8>, RunError> {
         let samples = picture(draw, (camera, *time), background, stop, &mut self.seconds)?;
@@ -232,7 +232,7 @@ impl Frames {
     ///
     /// # Errors
     /// If something else is there by now, or the file system reports an error.
-    pub fn finish(self, record: &Record, run: &Path) -> Result<(), RunError> {
+    pub fn finish(self, record: &RenderRecord, run: &Path) -> Result<(), RunError> {
         let json = serde_json::to_vec_pretty(record).map_err(RunError::failure)?;
         let path = self.folder.dir().join(RECORD);
         std::fs::write(&path, json).map_err(|e| RunError::failure(format!("{}: {e}", self.out.display())))?;

@@ -18,7 +18,7 @@ use crate::shell;
 use crate::track::velocity::{Component, robust_size, velocities};
 use burn::tensor::{Device, Tensor, TensorData};
 use std::str::FromStr;
-use volseggs_kernels::Camera;
+use volseggs_kernels::PinholeCamera;
 use volseggs_kernels::shading::Light;
 use volseggs_kernels::splat::{SplatInputs, splat};
 
@@ -67,7 +67,7 @@ impl FromStr for Show {
 #[derive(Debug)]
 pub struct Look {
     selection: Selection,
-    kind: Kind,
+    kind: LookKind,
     /// The unedited Gaussians at the time of the last preview, kept because a drag requests the same ones repeatedly.
     still: Option<(f32, HostGaussians)>,
     light: Light,
@@ -75,7 +75,7 @@ pub struct Look {
 }
 
 #[derive(Debug)]
-enum Kind {
+enum LookKind {
     Colour,
     Depth {
         range: Option<[f32; 2]>,
@@ -93,10 +93,10 @@ enum Kind {
 
 /// What a [`Look`] shows at one time, ready to be drawn from any camera.
 #[derive(Clone, Debug)]
-pub struct Prepared(Shown);
+pub struct PreparedLook(LookContent);
 
 #[derive(Clone, Debug)]
-enum Shown {
+enum LookContent {
     /// Drawn in colour; `inputs` is `None` if there are no Gaussians. `shared` says whether the colours are the scene's
     /// own, which take memory only once.
     Colours { inputs: Option<Box<SplatInputs>>, degree: usize, shared: bool },
@@ -104,23 +104,27 @@ enum Shown {
     Depth(HostGaussians),
 }
 
-impl Prepared {
+impl PreparedLook {
     /// Prepares Gaussians to be drawn in colour.
     pub(crate) fn of(at: &HostGaussians, degree: usize, device: &Device) -> Self {
         // not every backend can hold an empty tensor
-        Self(Shown::Colours { inputs: (!at.is_empty()).then(|| Box::new(at.to_splat(device))), degree, shared: false })
+        Self(LookContent::Colours {
+            inputs: (!at.is_empty()).then(|| Box::new(at.to_splat(device))),
+            degree,
+            shared: false,
+        })
     }
 
     /// Returns the size of its arrays in bytes, without those it shares with the scene.
     pub fn bytes(&self) -> usize {
         match &self.0 {
-            Shown::Colours { inputs: None, .. } => 0,
-            Shown::Colours { inputs: Some(inputs), shared, .. } => {
+            LookContent::Colours { inputs: None, .. } => 0,
+            LookContent::Colours { inputs: Some(inputs), shared, .. } => {
                 let normals = inputs.shading.as_ref().map_or(0, |shading| shading.normals.dims().iter().product());
                 let colours = if *shared { 0 } else { inputs.sh.dims().iter().product::<usize>() + normals };
                 4 * (11 * inputs.means.dims()[0] + colours)
             }
-            Shown::Depth(at) => 4 * at.columns().map(|column| column.values.len()).sum::<usize>(),
+            LookContent::Depth(at) => 4 * at.columns().map(|column| column.values.len()).sum::<usize>(),
         }
     }
 }
@@ -133,10 +137,10 @@ impl Look {
     pub fn open(run: &OpenRun, selection: Selection, show: Show, palette: Option<Palette>) -> Result<Self, RunError> {
         let palette = Palette::choose(palette, show).map_err(RunError::input)?.unwrap_or(Palette::Viridis);
         let kind = match show {
-            Show::Colour => Kind::Colour,
-            Show::Depth => Kind::Depth { range: None, palette },
-            Show::Velocity(component) => Kind::Velocity { component, scale: None, palette },
-            Show::Affinity => Kind::Affinity(affinity::colours(run)?),
+            Show::Colour => LookKind::Colour,
+            Show::Depth => LookKind::Depth { range: None, palette },
+            Show::Velocity(component) => LookKind::Velocity { component, scale: None, palette },
+            Show::Affinity => LookKind::Affinity(affinity::colours(run)?),
             Show::Segments => {
                 let all = run.segments()?;
                 if all.segments.is_empty() {
@@ -145,7 +149,7 @@ impl Look {
                         "--show segments: {path} has none yet; run `volseggs segment coarse {word}`"
                     )));
                 }
-                Kind::Segments(all)
+                LookKind::Segments(all)
             }
         };
         Ok(Self { selection, kind, still: None, light: Light::Head, calibration: run.calibration().clone() })
@@ -165,7 +169,7 @@ impl Look {
                 run.path.display()
             )));
         }
-        if !matches!(self.kind, Kind::Colour) {
+        if !matches!(self.kind, LookKind::Colour) {
             return Err(RunError::input("--light: applies to colours only; omit --show"));
         }
         if !(direction.iter().all(|v| v.is_finite()) && direction.iter().any(|v| *v != 0.0)) {
@@ -189,7 +193,7 @@ impl Look {
     /// set it.
     pub fn settled(&self) -> Option<String> {
         match &self.kind {
-            Kind::Velocity { scale, .. } => scale.map(|scale| scale.to_bits().to_string()),
+            LookKind::Velocity { scale, .. } => scale.map(|scale| scale.to_bits().to_string()),
             _ => Some(String::new()),
         }
     }
@@ -199,9 +203,9 @@ impl Look {
     #[must_use]
     pub fn with_range(mut self, [low, high]: [f32; 2]) -> Self {
         match &mut self.kind {
-            Kind::Depth { range, .. } => *range = Some([low, high]),
-            Kind::Velocity { scale, .. } if high > 0.0 => *scale = Some(high),
-            Kind::Velocity { .. } | Kind::Colour | Kind::Segments(_) | Kind::Affinity(_) => {}
+            LookKind::Depth { range, .. } => *range = Some([low, high]),
+            LookKind::Velocity { scale, .. } if high > 0.0 => *scale = Some(high),
+            LookKind::Velocity { .. } | LookKind::Colour | LookKind::Segments(_) | LookKind::Affinity(_) => {}
         }
         self
     }
@@ -215,36 +219,38 @@ impl Look {
     ///
     /// # Errors
     /// If an edit cannot be applied.
-    pub fn prepare(&mut self, scene: &Scene, time: f32) -> Result<Prepared, RunError> {
+    pub fn prepare(&mut self, scene: &Scene, time: f32) -> Result<PreparedLook, RunError> {
         let Self { selection: shown, still, light, .. } = self;
         let (shown, degree, device) = (&*shown, scene.spec.sh_degree, &scene.device());
         let mut prepared = match &mut self.kind {
-            Kind::Colour if shown.is_plain() => {
-                Prepared(Shown::Colours { inputs: Some(Box::new(scene.inputs_at(time))), degree, shared: true })
-            }
-            Kind::Colour => Prepared::of(&shown.cut(edited(shown, still, scene, time)?), degree, device),
-            Kind::Depth { .. } => Prepared(Shown::Depth(shown.cut(edited(shown, still, scene, time)?))),
-            Kind::Velocity { component, scale, palette } => {
+            LookKind::Colour if shown.is_plain() => PreparedLook(LookContent::Colours {
+                inputs: Some(Box::new(scene.inputs_at(time))),
+                degree,
+                shared: true,
+            }),
+            LookKind::Colour => PreparedLook::of(&shown.cut(edited(shown, still, scene, time)?), degree, device),
+            LookKind::Depth { .. } => PreparedLook(LookContent::Depth(shown.cut(edited(shown, still, scene, time)?))),
+            LookKind::Velocity { component, scale, palette } => {
                 let all = velocities(|t| to_vec(scene.deformed(t).means), time);
-                let values = component.of(&all);
+                let values = component.values(&all);
                 let at = edited(shown, still, scene, time)?;
                 let alone =
                     |v: &[f32]| shown.members().map_or(v.to_vec(), |m| m.iter().map(|&i| v[i as usize]).collect());
                 *scale = scale.or_else(|| robust_size(&alone(&values), &alone(&at.opacity())));
                 let full = scale.unwrap_or(1.0);
                 let painted = flat(at, palette.colours(&values, full));
-                Prepared::of(&shown.cut(painted), 0, device)
+                PreparedLook::of(&shown.cut(painted), 0, device)
             }
-            Kind::Affinity(colours) => {
+            LookKind::Affinity(colours) => {
                 let painted = flat(edited(shown, still, scene, time)?, colours.iter().copied());
-                Prepared::of(&shown.cut(painted), 0, device)
+                PreparedLook::of(&shown.cut(painted), 0, device)
             }
-            Kind::Segments(all) => {
+            LookKind::Segments(all) => {
                 let painted = by_segment(edited(shown, still, scene, time)?, all);
-                Prepared::of(&shown.cut(painted), 0, device)
+                PreparedLook::of(&shown.cut(painted), 0, device)
             }
         };
-        if let Shown::Colours { inputs: Some(inputs), .. } = &mut prepared.0
+        if let LookContent::Colours { inputs: Some(inputs), .. } = &mut prepared.0
             && let Some(shading) = &mut inputs.shading
         {
             shading.light = *light;
@@ -254,7 +260,7 @@ impl Look {
 
     /// Returns what this look prepared, with all Gaussians but the `members` (indices below N, ascending) made faint.
     /// Only opacities change, so this is cheap.
-    pub fn highlight(&self, prepared: &Prepared, members: &[u32]) -> Prepared {
+    pub fn highlight(&self, prepared: &PreparedLook, members: &[u32]) -> PreparedLook {
         let shown = self.selection.members();
         let stays = |i: usize| {
             let gaussian = shown.map_or(i as u32, |shown| shown[i]);
@@ -262,14 +268,14 @@ impl Look {
         };
         let mut out = prepared.clone();
         match &mut out.0 {
-            Shown::Colours { inputs: None, .. } => {}
-            Shown::Colours { inputs: Some(inputs), .. } => {
+            LookContent::Colours { inputs: None, .. } => {}
+            LookContent::Colours { inputs: Some(inputs), .. } => {
                 let mut logits = to_vec(inputs.opacity_logits.clone());
                 highlight(&mut logits, stays);
                 let (dims, device) = (inputs.opacity_logits.dims(), inputs.opacity_logits.device());
                 inputs.opacity_logits = Tensor::from_data(TensorData::new(logits, dims), &device);
             }
-            Shown::Depth(at) => highlight(&mut at.opacity_logits, stays),
+            LookContent::Depth(at) => highlight(&mut at.opacity_logits, stays),
         }
         out
     }
@@ -278,26 +284,26 @@ impl Look {
     ///
     /// # Errors
     /// As for [`Look::prepare`].
-    pub fn frame(&mut self, scene: &Scene, (camera, time): (Camera, f32)) -> Result<Vec<f32>, RunError> {
+    pub fn frame(&mut self, scene: &Scene, (camera, time): (PinholeCamera, f32)) -> Result<Vec<f32>, RunError> {
         let prepared = self.prepare(scene, time)?;
         Ok(self.draw(scene, &prepared, camera))
     }
 
     /// Draws one frame `[H, W, 4]` of what was prepared: colour over the scene's background, and alpha.
-    pub fn draw(&mut self, scene: &Scene, prepared: &Prepared, camera: Camera) -> Vec<f32> {
+    pub fn draw(&mut self, scene: &Scene, prepared: &PreparedLook, camera: PinholeCamera) -> Vec<f32> {
         let background = scene.spec.background;
         match &prepared.0 {
-            Shown::Colours { inputs: None, .. } => {
+            LookContent::Colours { inputs: None, .. } => {
                 let [r, g, b] = background;
                 [r, g, b, 0.0].repeat(camera.width * camera.height)
             }
-            Shown::Colours { inputs: Some(inputs), degree, .. } => {
+            LookContent::Colours { inputs: Some(inputs), degree, .. } => {
                 let rendering = Rendering { sh_degree: *degree, ..scene.spec.rendering() };
                 to_vec(splat(*inputs.clone(), rendering.seen_by(camera)).image)
             }
-            Shown::Depth(at) => {
+            LookContent::Depth(at) => {
                 let picture = picture(at, scene.spec.rendering().seen_by(camera), &scene.device());
-                let Kind::Depth { range, palette } = &mut self.kind else { return picture.rgba };
+                let LookKind::Depth { range, palette } = &mut self.kind else { return picture.rgba };
                 *range = range.or_else(|| depth_range(&picture));
                 palette.depth(&picture, range.unwrap_or_default(), background)
             }

@@ -8,15 +8,15 @@ use crate::data::{Surroundings, Truth};
 use crate::draw::views::view_sheet;
 use crate::export::images::to_rgb8;
 use crate::files::AtomicDir;
-use crate::memory::{Budget, product};
+use crate::memory::{MemoryBudget, product};
 use crate::model::HostGaussians;
-use crate::segment::masks::handout::{self, FILE, Handout};
-use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
+use crate::segment::masks::handout::{self, FILE, PictureList};
+use crate::segment::masks::make::{MakeError, MaskJob, MaskShot, make_masks};
 use crate::segment::masks::registry::{ChosenSource, SourceInput, SourceViews};
 use crate::segment::masks::sheet::overlay;
-use crate::segment::masks::source::{Group, ScoredMask};
+use crate::segment::masks::source::{MaskGroup, ScoredMask};
 use crate::segment::masks::store::MAX_VIEWS;
-use crate::segment::pictures::Picture;
+use crate::segment::pictures::GaussianPicture;
 use crate::segment::segmentation::members_key;
 use crate::shell;
 use burn::tensor::Device;
@@ -54,9 +54,9 @@ pub struct MaskRequest<'a> {
 #[derive(Clone, Debug)]
 pub struct MaskPlan {
     /// The segments.
-    pub groups: Vec<Group>,
+    pub groups: Vec<MaskGroup>,
     /// The views.
-    pub shots: Vec<Shot>,
+    pub shots: Vec<MaskShot>,
     /// Time in [0, 1].
     pub time: f64,
     /// Note for the user.
@@ -76,7 +76,7 @@ impl MaskPlan {
     /// If a name is unknown, there are no segments at all, or pictures, labels or the dataset do not match the run.
     pub fn new(run: &OpenRun, around: &Surroundings, request: &MaskRequest<'_>) -> Result<Self, RunError> {
         let plan = Self::drawn(run, around, request)?;
-        let budget = Budget::now();
+        let budget = MemoryBudget::now();
         let shown = plan.groups.len().min(SHOWN) * 4;
         if let Some(camera) = plan.shots.first().map(|s| &s.camera) {
             let [width, height] = [camera.width, camera.height].map(|n| n as usize);
@@ -102,8 +102,8 @@ impl MaskPlan {
         let first =
             segments.first().ok_or_else(|| RunError::input("no segments yet; run `volseggs segment coarse`"))?;
         let time = request.time.unwrap_or(first.time);
-        let groups: Vec<Group> =
-            segments.iter().map(|s| Group { name: s.name.to_string(), members: s.members.clone() }).collect();
+        let groups: Vec<MaskGroup> =
+            segments.iter().map(|s| MaskGroup { name: s.name.to_string(), members: s.members.clone() }).collect();
         if let Some(list) = &handout {
             check_groups(run, list, &groups)?;
         }
@@ -119,7 +119,7 @@ impl MaskPlan {
             if plan.time != time {
                 plan.note = Some(format!("label images are of time {}, the nearest to {time} that has any", plan.time));
             }
-            let shot = |v: &LabelledView| Shot { file: v.name.clone(), camera: v.camera.clone() };
+            let shot = |v: &LabelledView| MaskShot { file: v.name.clone(), camera: v.camera.clone() };
             plan.shots = views.iter().map(shot).collect();
             plan.labelled = Some((truth, views));
         } else {
@@ -127,8 +127,10 @@ impl MaskPlan {
             if views > MAX_VIEWS {
                 return Err(RunError::input(format!("--views {views}: a mask file holds at most {MAX_VIEWS} views")));
             }
-            Budget::now().check(format!("--views {views}"), product(&[views, VIEW_BYTES])).map_err(RunError::input)?;
-            plan.shots = Shot::numbered(training_cameras(views, around.sphere, around.lens));
+            MemoryBudget::now()
+                .check(format!("--views {views}"), product(&[views, VIEW_BYTES]))
+                .map_err(RunError::input)?;
+            plan.shots = MaskShot::numbered(training_cameras(views, around.sphere, around.lens));
         }
         Ok(plan)
     }
@@ -153,7 +155,7 @@ impl MaskPlan {
 
 /// Outcome of making masks.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Made {
+pub struct MadeMasks {
     /// Number of masks.
     pub masks: u64,
     /// Name of the source that found them.
@@ -165,7 +167,7 @@ pub struct Made {
 ///
 /// # Errors
 /// If the source cannot be opened or fails, or a file cannot be written.
-pub fn make(run: &OpenRun, plan: &MaskPlan, mut goes_on: impl FnMut() -> bool) -> Result<Option<Made>, RunError> {
+pub fn make(run: &OpenRun, plan: &MaskPlan, mut goes_on: impl FnMut() -> bool) -> Result<Option<MadeMasks>, RunError> {
     let device = &run.device();
     let at = run.scene.host_at(plan.time as f32);
     let job = plan.job(run, &at, device);
@@ -187,7 +189,7 @@ pub fn make(run: &OpenRun, plan: &MaskPlan, mut goes_on: impl FnMut() -> bool) -
         Err(error) => return Err(make_error(error)),
     };
     write_picture(&run.paths().segment_sheet("masks"), &view_sheet(&shown, 4, 400))?;
-    Ok(Some(Made { masks, source: source.name().to_owned() }))
+    Ok(Some(MadeMasks { masks, source: source.name().to_owned() }))
 }
 
 /// Writes the pictures for another program into the run. Returns `None` if `goes_on`, called after each picture,
@@ -228,7 +230,7 @@ fn labels(run: &OpenRun, request: &MaskRequest<'_>, time: f64) -> Result<(Truth,
     Ok((truth, views))
 }
 
-fn read_handout(run: &OpenRun) -> Result<Handout, RunError> {
+fn read_handout(run: &OpenRun) -> Result<PictureList, RunError> {
     let folder = run.paths().mask_pictures();
     if !folder.join(FILE).exists() {
         return Err(RunError::input(format!(
@@ -238,11 +240,11 @@ fn read_handout(run: &OpenRun) -> Result<Handout, RunError> {
             shell::path(&run.path)
         )));
     }
-    Handout::read(&folder).map_err(RunError::input)
+    PictureList::read(&folder).map_err(RunError::input)
 }
 
 /// Checks that the pictures still show these segments.
-fn check_groups(run: &OpenRun, list: &Handout, groups: &[Group]) -> Result<(), RunError> {
+fn check_groups(run: &OpenRun, list: &PictureList, groups: &[MaskGroup]) -> Result<(), RunError> {
     let bad = |why: String| {
         let again = "remove the folder, write them again with --pictures and make new masks";
         let path = run.paths().mask_pictures().join(FILE);
@@ -251,7 +253,7 @@ fn check_groups(run: &OpenRun, list: &Handout, groups: &[Group]) -> Result<(), R
     if list.scene != run.scene.fingerprint() {
         return bad("the pictures are of another state of this scene (it was trained further since)".to_owned());
     }
-    for Group { name, members } in groups {
+    for MaskGroup { name, members } in groups {
         let Some(drawn) = list.groups.iter().find(|g| g.name == *name) else {
             let names: Vec<&str> = list.groups.iter().map(|g| g.name.as_str()).collect();
             return bad(format!("there are no pictures of {name}, only of {}", names.join(", ")));
@@ -277,7 +279,7 @@ fn make_error(error: MakeError) -> RunError {
     }
 }
 
-fn outlined(picture: &Picture, found: &[ScoredMask]) -> RgbImage {
+fn outlined(picture: &GaussianPicture, found: &[ScoredMask]) -> RgbImage {
     let masks: Vec<_> = found.iter().map(|f| f.mask.clone()).collect();
     overlay(to_rgb8(&picture.rgba, picture.width, picture.height), &masks)
 }

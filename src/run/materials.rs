@@ -15,7 +15,7 @@ const DIRECTIONS: usize = 64;
 
 /// A colour of a transfer function.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Material {
+pub struct NamedMaterial {
     /// The name of a range of values or, where the function names none, the value of a control point.
     pub name: String,
     /// Its colour, `#rrggbb`.
@@ -26,22 +26,22 @@ pub struct Material {
 
 /// The material of a segment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Made {
+pub struct SegmentMaterial {
     /// The material that most of the segment is nearest to.
     #[serde(flatten)]
-    pub material: Material,
+    pub material: NamedMaterial,
     /// The fraction of the segment's opacity that is, in (0, 1].
     pub share: f64,
 }
 
 /// The materials of the transfer function that a dataset was prepared with: its named ranges or, where it has none, its
 /// control points. Empty for a dataset from elsewhere.
-pub fn materials(dataset: &Path) -> Vec<Material> {
+pub fn materials(dataset: &Path) -> Vec<NamedMaterial> {
     let path = dataset.join("transfer-function.toml");
     let Some(function) = path.is_file().then(|| TransferFunction::load(&path.to_string_lossy()).ok()).flatten() else {
         return Vec::new();
     };
-    let material = |name: String, rgb: [f32; 3]| Material { name, hex: hex(rgb), rgb };
+    let material = |name: String, rgb: [f32; 3]| NamedMaterial { name, hex: hex(rgb), rgb };
     if !function.segments.is_empty() {
         return function.segments.iter().map(|s| material(s.name.clone(), function.segment_color(s))).collect();
     }
@@ -59,20 +59,20 @@ fn short(value: f64) -> String {
 
 /// Assigns each Gaussian of a scene to the nearest of some materials.
 #[derive(Debug)]
-pub struct Assigned<'a> {
-    materials: &'a [Material],
+pub struct AssignedMaterials<'a> {
+    materials: &'a [NamedMaterial],
     /// Material of each Gaussian.
     nearest: Vec<Option<usize>>,
     opacity: Vec<f32>,
 }
 
-impl<'a> Assigned<'a> {
+impl<'a> AssignedMaterials<'a> {
     /// Assigns the canonical Gaussians of a run by their unlit colours.
-    pub fn new(run: &OpenRun, materials: &'a [Material]) -> Self {
+    pub fn new(run: &OpenRun, materials: &'a [NamedMaterial]) -> Self {
         Self::of(&run.scene.gaussians.to_host(), materials)
     }
 
-    fn of(gaussians: &HostGaussians, materials: &'a [Material]) -> Self {
+    fn of(gaussians: &HostGaussians, materials: &'a [NamedMaterial]) -> Self {
         let (sh, coefficients) = gaussians.material_colours();
         let palette: Vec<[f32; 3]> = materials.iter().map(|m| m.rgb).collect();
         // coefficients that do not fit have no colours, and so no material
@@ -85,7 +85,7 @@ impl<'a> Assigned<'a> {
 
     /// The material that most of the opacity of `members` is nearest to; `None` if they are invisible, or there are no
     /// materials.
-    pub fn most(&self, members: &[u32]) -> Option<Made> {
+    pub fn most(&self, members: &[u32]) -> Option<SegmentMaterial> {
         let mut weights = vec![0.0; self.materials.len()];
         for &i in members {
             if let Some(material) = self.nearest[i as usize] {
@@ -94,7 +94,7 @@ impl<'a> Assigned<'a> {
         }
         let total: f64 = weights.iter().sum();
         let (most, weight) = weights.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
-        (weight > 0.0).then(|| Made { material: self.materials[most].clone(), share: weight / total })
+        (weight > 0.0).then(|| SegmentMaterial { material: self.materials[most].clone(), share: weight / total })
     }
 }
 
@@ -123,7 +123,7 @@ mod tests {
         let names: Vec<(&str, &str)> = known.iter().map(|m| (m.name.as_str(), m.hex.as_str())).collect();
         assert_eq!(names, [("value 0", "#ff0000"), ("value 0.5", "#0033ff")]);
         let gaussians = of(&[[0.7, 0.2, 0.1], [0.1, 0.3, 0.8], [0.2, 0.3, 0.8]], &[3.0, -3.0, -3.0]);
-        let assigned = Assigned::of(&gaussians, &known);
+        let assigned = AssignedMaterials::of(&gaussians, &known);
         let name =
             |members: &[u32]| assigned.most(members).map(|made| (made.material.name, (10.0 * made.share).round()));
         assert_eq!(name(&[0, 1, 2]), Some(("value 0".to_owned(), 9.0)));

@@ -1,10 +1,10 @@
 //! Evaluation of a run: on which data, into which folder, and at what cost.
 
-use super::{AnyRun, OpenRun, RunError, Trained};
+use super::{AnyRun, OpenRun, RunError, TrainedModel};
 use crate::data::dataset::measured_fingerprint;
 use crate::data::{Dataset, OpenOptions, Split, SplitName};
 use crate::eval::results::{DataId, results_folder, write_results};
-use crate::eval::run::{Costs, Evaluation, Sample, evaluate};
+use crate::eval::run::{Evaluation, RenderCosts, ViewSample, evaluate};
 use crate::files::{FolderKind, WriteError};
 use crate::metrics::metric::Networks;
 use crate::metrics::values::MetricValues;
@@ -34,7 +34,7 @@ impl MeasuredOn {
     ///
     /// # Errors
     /// If the training views of another dataset, which identify it, exist and cannot be read.
-    pub fn open<S: Trained>(run: &OpenRun<S>, given: Option<&Path>, split: SplitName) -> Result<Self, RunError> {
+    pub fn open<S: TrainedModel>(run: &OpenRun<S>, given: Option<&Path>, split: SplitName) -> Result<Self, RunError> {
         let folder = run.dataset_or(given)?;
         let dataset = std::fs::canonicalize(&folder).unwrap_or_else(|_| folder.clone());
         let options = OpenOptions { downscale: run.config.data.downscale, splits: &[], max_views: None };
@@ -70,13 +70,13 @@ impl MeasuredOn {
     }
 
     /// Returns the run's own data, as it was when the run was trained.
-    pub fn own<S: Trained>(run: &OpenRun<S>, trained_times: Vec<f64>) -> Self {
+    pub fn own<S: TrainedModel>(run: &OpenRun<S>, trained_times: Vec<f64>) -> Self {
         let (dataset, fingerprint) = (run.record.dataset.clone(), run.record.fingerprint.clone());
         Self { data: DataId { dataset, fingerprint }, trained_times, note: None, other_views: false }
     }
 
     /// Returns whether the run was trained on this data.
-    pub fn is_own<S: Trained>(&self, run: &OpenRun<S>) -> bool {
+    pub fn is_own<S: TrainedModel>(&self, run: &OpenRun<S>) -> bool {
         self.data.fingerprint == run.record.fingerprint
     }
 
@@ -85,7 +85,12 @@ impl MeasuredOn {
     ///
     /// # Errors
     /// If something else is there.
-    pub fn folder<S: Trained>(&self, run: &OpenRun<S>, what: &str, kind: &FolderKind) -> Result<PathBuf, RunError> {
+    pub fn folder<S: TrainedModel>(
+        &self,
+        run: &OpenRun<S>,
+        what: &str,
+        kind: &FolderKind,
+    ) -> Result<PathBuf, RunError> {
         let file = kind.markers.first().copied().unwrap_or_default();
         // results of an older checkpoint are not those of the run
         let what = run.older_step().map_or_else(|| what.to_owned(), |step| format!("{what}-{step}"));
@@ -114,11 +119,11 @@ pub fn measure(
     let (mut training_views, mut note) = (None, None);
     if split.name != SplitName::Train && on.is_own(run) {
         match open_trained(&on.data.dataset, &run.config, TRAINING_VIEWS) {
-            Ok((split, of)) => training_views = Some(Sample { split, of }),
+            Ok((split, of)) => training_views = Some(ViewSample { split, of }),
             Err(error) => note = Some(format!("no training views were measured in addition: {error}")),
         }
     }
-    let costs = Costs {
+    let costs = RenderCosts {
         training_seconds: run.training_seconds(),
         steps: run.step(),
         model_bytes: model.len(),

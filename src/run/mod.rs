@@ -45,4 +45,4 @@ pub mod view;
 
 pub use dataset::dataset_of;
 pub use error::RunError;
-pub use open::{AnyRun, OpenRun, Trained};
+pub use open::{AnyRun, OpenRun, TrainedModel};

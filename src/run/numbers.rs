@@ -33,14 +33,14 @@ impl NumberFormat {
 
 /// What the pixels hold.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Quantity {
+pub enum PixelQuantity {
     /// Distance from the camera along its direction of view, the mean over what the pixel shows.
     Depth,
     /// Velocity under the trained deformation, the mean over what the pixel shows: one component, or x, y, z.
     Velocity(Option<Component>),
 }
 
-impl Quantity {
+impl PixelQuantity {
     /// Channels of a picture, by name.
     fn channels(self) -> &'static [&'static str] {
         match self {
@@ -88,7 +88,7 @@ impl Quantity {
                 };
                 let mean = mean_values(&shown.cut(at), &alone(all), settings, &run.device());
                 let mean: Vec<f32> = mean.iter().map(|v| scaled(*v, calibration.speed_scale())).collect();
-                component.map_or(mean.clone(), |component| component.of(&mean))
+                component.map_or(mean.clone(), |component| component.values(&mean))
             }
         })
     }
@@ -102,7 +102,7 @@ impl Quantity {
 pub fn write(
     run: &OpenRun,
     shown: &Selection,
-    (quantity, calibration): (Quantity, &Calibration),
+    (quantity, calibration): (PixelQuantity, &Calibration),
     views: &[(Camera, f64)],
     (out, format): (&Path, NumberFormat),
     mut goes_on: impl FnMut() -> bool,

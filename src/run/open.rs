@@ -3,7 +3,7 @@
 use super::RunError;
 use crate::config::types::{Config, segment::SECTION as SEGMENT};
 use crate::edit::EditStack;
-use crate::files::{RunLock, RunPaths, Work};
+use crate::files::{LockDuration, RunLock, RunPaths};
 use crate::method;
 use crate::model::{Model, Scene};
 use crate::segment::segmentation::Segmentation;
@@ -16,18 +16,18 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// The model of an opened run: Gaussians, or anything that can be drawn.
-pub trait Trained {
+pub trait TrainedModel {
     /// Returns it as a model that can be drawn.
     fn model(&self) -> &dyn Model;
 }
 
-impl Trained for Scene {
+impl TrainedModel for Scene {
     fn model(&self) -> &dyn Model {
         self
     }
 }
 
-impl Trained for Box<dyn Model> {
+impl TrainedModel for Box<dyn Model> {
     fn model(&self) -> &dyn Model {
         &**self
     }
@@ -74,7 +74,7 @@ impl OpenRun {
     ///
     /// # Errors
     /// As for [`OpenRun::open`], or if another process is writing to the run or `path` is an older checkpoint.
-    pub fn open_to_write(path: &Path, device: &Device, command: &str, work: Work) -> Result<Self, RunError> {
+    pub fn open_to_write(path: &Path, device: &Device, command: &str, work: LockDuration) -> Result<Self, RunError> {
         let run = AnyRun::open_locked(path, device, command, work)?.gaussians()?;
         match run.older_step() {
             None => Ok(run),
@@ -160,7 +160,7 @@ impl AnyRun {
     ///
     /// # Errors
     /// As for [`OpenRun::open_any`], or if another process is writing to the run.
-    pub fn open_locked(path: &Path, device: &Device, command: &str, work: Work) -> Result<Self, RunError> {
+    pub fn open_locked(path: &Path, device: &Device, command: &str, work: LockDuration) -> Result<Self, RunError> {
         let (run, checkpoint) = checkpoint::locate(path);
         // checked first, so that no lock file is left in a folder that is not a run
         check_newest(path)?;
@@ -202,7 +202,7 @@ impl AnyRun {
     }
 }
 
-impl<S: Trained> OpenRun<S> {
+impl<S: TrainedModel> OpenRun<S> {
     /// Returns the trained model as one that can be drawn.
     pub fn model(&self) -> &dyn Model {
         self.scene.model()
@@ -218,7 +218,7 @@ impl<S: Trained> OpenRun<S> {
     ///
     /// # Errors
     /// If another process is writing to the run, or the run was trained further since it was opened.
-    pub fn lock(&self, command: &str, work: Work, patience: Duration) -> Result<RunLock, RunError> {
+    pub fn lock(&self, command: &str, work: LockDuration, patience: Duration) -> Result<RunLock, RunError> {
         let lock = RunLock::acquire_within(patience, &self.path, command, work)?;
         match self.older_step() {
             None => Ok(lock),
@@ -255,7 +255,7 @@ impl<S: Trained> OpenRun<S> {
     }
 
     /// Returns what the checkpoint holds besides its tensors, if there is one.
-    fn checkpoint_state(&self) -> Option<checkpoint::State> {
+    fn checkpoint_state(&self) -> Option<checkpoint::CheckpointState> {
         checkpoint::read_state(self.scene_path.parent()?).ok()
     }
 

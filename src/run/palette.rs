@@ -2,7 +2,7 @@
 
 use super::look::Show;
 use crate::segment::paint::{depth_colours, diverging, signed, sizes};
-use crate::segment::pictures::Picture;
+use crate::segment::pictures::GaussianPicture;
 use crate::track::velocity::Component;
 use crate::volume::transfer::colormap::{colour_at, named};
 use std::str::FromStr;
@@ -98,7 +98,7 @@ impl Palette {
     }
 
     /// Maps the depth of a picture to colours `[H, W, 4]`, near ones light.
-    pub fn depth(self, picture: &Picture, range: [f32; 2], background: [f32; 3]) -> Vec<f32> {
+    pub fn depth(self, picture: &GaussianPicture, range: [f32; 2], background: [f32; 3]) -> Vec<f32> {
         depth_colours(picture, range, background, self.name())
     }
 

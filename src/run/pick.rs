@@ -1,6 +1,6 @@
 //! Clicks: what is under a pixel of a picture, and the segment that a click there selects.
 //!
-//! A viewer opens a [`Clicking`] once per time, asks it for the [`Hit`] of each click and, as often as its sliders
+//! A viewer opens a [`Clicking`] once per time, asks it for the [`ClickHit`] of each click and, as often as its sliders
 //! move, for what that selects, and commits one selection; `volseggs segment pick` does the same once.
 
 use super::segments::RunSegments;
@@ -11,15 +11,15 @@ use crate::data::Camera;
 use crate::model::params::to_vec;
 use crate::model::{HostGaussians, Rendering, ToKernel};
 use crate::name::Name;
-use crate::segment::candidates::{CandidateCache, Candidates, SceneCache};
+use crate::segment::candidates::{CandidateCache, ClickCandidates, SceneCache};
 use crate::segment::click::{heaviest, under};
 use crate::segment::fine::AffinityField;
 use crate::segment::fine::file::AffinitySpec;
 use crate::segment::levels::prepare;
 use crate::segment::nested::objects;
-use crate::segment::pick::{Granularity, PickError, PickOptions, Picked, meant, pick};
+use crate::segment::pick::{Granularity, PickError, PickOptions, PickedGaussians, meant, pick};
 use crate::segment::propagate::propagate;
-use crate::segment::segmentation::{Origin, Segment, Segmentation};
+use crate::segment::segmentation::{Segment, SegmentOrigin, Segmentation};
 use burn::tensor::Device;
 use glam::{DVec2, DVec3};
 use std::cell::RefCell;
@@ -85,7 +85,7 @@ pub struct Clicking {
 
 /// What a click hit.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Hit {
+pub struct ClickHit {
     /// Index of the Gaussian.
     pub gaussian: u32,
     /// Its share of the pixel's colour.
@@ -148,11 +148,11 @@ impl Clicking {
         (field, spec): &(AffinityField, AffinitySpec),
         name: Option<&Name>,
         members: &[u32],
-        work: impl FnOnce(&Candidates<'_>) -> T,
+        work: impl FnOnce(&ClickCandidates<'_>) -> T,
     ) -> T {
         let name = name.cloned();
         let known = self.known.borrow_mut().remove(&name).unwrap_or_default();
-        let of = Candidates::new(field, &spec.frame, &self.places, &self.at, members, &self.config)
+        let of = ClickCandidates::new(field, &spec.frame, &self.places, &self.at, members, &self.config)
             .of_segment(name.is_some())
             .with_found(known)
             .with_surroundings(self.around.clone());
@@ -172,7 +172,7 @@ impl Clicking {
     ///
     /// # Errors
     /// [`ClickError::Outside`], [`ClickError::Nothing`], or an unknown name.
-    pub fn hit(&self, camera: &Camera, pixel: [u32; 2], within: Option<&str>) -> Result<Hit, ClickError> {
+    pub fn hit(&self, camera: &Camera, pixel: [u32; 2], within: Option<&str>) -> Result<ClickHit, ClickError> {
         let within = within.map(|name| self.segments.get(name)).transpose().map_err(RunError::input)?;
         let shown = within.map(|s| self.at.subset(&s.members));
         let (width, height) = (camera.width, camera.height);
@@ -193,7 +193,7 @@ impl Clicking {
         let segments: Vec<Name> = segments.collect();
         let within = within.map(|s| s.name.clone()).or_else(|| segments.first().cloned());
         let mean = [0, 1, 2].map(|k| self.at.means[3 * gaussian as usize + k]);
-        Ok(Hit { gaussian, weight, mean, segments, within })
+        Ok(ClickHit { gaussian, weight, mean, segments, within })
     }
 
     /// Finds the objects of parts of several segments, if these are joined.
@@ -223,7 +223,7 @@ impl Clicking {
     ///
     /// # Errors
     /// [`ClickError::NoField`], or a segment that no longer exists.
-    pub fn select(&self, hit: &Hit, options: &PickOptions) -> Result<Picked, ClickError> {
+    pub fn select(&self, hit: &ClickHit, options: &PickOptions) -> Result<PickedGaussians, ClickError> {
         let Some(field) = &self.field else { return Err(ClickError::NoField) };
         let candidates = match &hit.within {
             Some(name) => self.segments.get(name).map_err(RunError::input)?.members.clone(),
@@ -234,7 +234,7 @@ impl Clicking {
         {
             self.know_objects(field).map_err(RunError::failure)?;
         }
-        let pick = |of: &Candidates<'_>| pick(of, hit.gaussian, options);
+        let pick = |of: &ClickCandidates<'_>| pick(of, hit.gaussian, options);
         let picked = self.with_candidates(field, hit.within.as_ref(), &candidates, pick);
         let picked = picked.map_err(|e| match e {
             PickError::NoLevel { .. } | PickError::Number { .. } => RunError::input(e),
@@ -280,7 +280,7 @@ pub fn surface_point(
 
 /// A segment made by a click.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Made {
+pub struct MadeSegment {
     /// Number of its Gaussians.
     pub gaussians: usize,
     /// Number of those that the click did not select, as they are visible at other times.
@@ -296,11 +296,11 @@ pub fn commit(
     run: &OpenRun,
     segments: &mut RunSegments,
     name: &Name,
-    hit: &Hit,
-    picked: &Picked,
+    hit: &ClickHit,
+    picked: &PickedGaussians,
     time: f64,
-) -> Result<Made, RunError> {
-    let Picked { members, scale, threshold, .. } = picked;
+) -> Result<MadeSegment, RunError> {
+    let PickedGaussians { members, scale, threshold, .. } = picked;
     if members.is_empty() {
         return Err(RunError::input(format!(
             "{name}: only strays are similar to the clicked Gaussian; choose another pixel, another --level or a lower \
@@ -314,9 +314,9 @@ pub fn commit(
     let within = whole.map_or_else(|| (0..run.scene.gaussians.count() as u32).collect(), |whole| whole.members.clone());
     let members = propagate(&run.scene, members, &within, time, &run.config.segment).map_err(RunError::failure)?;
     let from_other_times = members.iter().filter(|i| picked.members.binary_search(i).is_err()).count();
-    let made = Made { gaussians: members.len(), from_other_times };
+    let made = MadeSegment { gaussians: members.len(), from_other_times };
     let colour = all.free_colour();
-    let origin = Origin::Pick { scale: *scale, threshold: *threshold };
+    let origin = SegmentOrigin::Pick { scale: *scale, threshold: *threshold };
     let segment = Segment { name: name.clone(), parent, colour, time, origin, members };
     all.add(segment).map_err(RunError::input)?;
     segments.change(format!("pick {name}"), all.segments);

@@ -6,7 +6,7 @@
 use super::{AnyRun, RunError};
 use crate::data::Split;
 use crate::eval::speed;
-use crate::memory::{Budget, peak_memory, product};
+use crate::memory::{MemoryBudget, peak_memory, product};
 use crate::prepare::PrepareRecord;
 use crate::volume::raycast::RayCaster;
 use crate::volume::series::Series;
@@ -22,7 +22,7 @@ const DIRECTION: f64 = 1e-3;
 
 /// A dataset made by `prepare`, with what is needed to draw its volumes again as they were.
 #[derive(Debug)]
-pub struct Prepared {
+pub struct PreparedDataset {
     folder: PathBuf,
     record: PrepareRecord,
     transfer: TransferFunction,
@@ -64,7 +64,7 @@ pub struct RunCosts {
     pub training_seconds: f64,
 }
 
-impl Prepared {
+impl PreparedDataset {
     /// Opens the dataset in `folder`.
     ///
     /// # Errors
@@ -85,7 +85,7 @@ impl Prepared {
     /// Loads `steps` evenly spread steps of `series`, and draws `views`, distributed over them.
     ///
     /// # Errors
-    /// As for [`Prepared::check`], or if a step cannot be read.
+    /// As for [`PreparedDataset::check`], or if a step cannot be read.
     pub fn draw_volumes(&self, series: &Series, views: &Split, steps: usize) -> Result<VolumeCosts, RunError> {
         self.check(series)?;
         let steps = steps.clamp(1, series.len());
@@ -141,7 +141,7 @@ impl Prepared {
             )));
         }
         let bytes = product(&[dims[0], dims[1], dims[2], VOXEL_BYTES]);
-        Budget::now().check(format!("a volume of {dims:?} voxels"), bytes).map_err(RunError::input)
+        MemoryBudget::now().check(format!("a volume of {dims:?} voxels"), bytes).map_err(RunError::input)
     }
 }
 

@@ -8,14 +8,14 @@ use crate::draw::views::view_sheet;
 use crate::edit::EditStack;
 use crate::export::images::{encode_png, to_rgb8};
 use crate::files::write_atomic;
-use crate::memory::Budget;
+use crate::memory::MemoryBudget;
 use crate::model::{HostGaussians, ToKernel};
 use crate::name::Name;
 use crate::points::kmeans;
 use crate::segment::coarse::{Coarse, coarse, other_times};
-use crate::segment::history::History;
+use crate::segment::history::SegmentHistory;
 use crate::segment::pictures::draw_each;
-use crate::segment::segmentation::{Origin, Segment, Segmentation};
+use crate::segment::segmentation::{Segment, SegmentOrigin, Segmentation};
 use image::RgbImage;
 use std::path::{Path, PathBuf};
 
@@ -24,14 +24,14 @@ pub const SHOWN: usize = 40;
 
 /// Direction through the history of changes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Towards {
+pub enum HistoryDirection {
     /// Back.
     Undo,
     /// Forward again.
     Redo,
 }
 
-impl Towards {
+impl HistoryDirection {
     /// Returns the command that does it.
     pub fn verb(self) -> &'static str {
         match self {
@@ -45,7 +45,7 @@ impl Towards {
 #[derive(Clone, Debug)]
 pub struct RunSegments {
     path: PathBuf,
-    found: History,
+    found: SegmentHistory,
     /// The file of edits, in which segments are renamed too.
     edits: PathBuf,
     /// The folder of tracks, which are named after segments.
@@ -62,9 +62,9 @@ impl RunSegments {
     pub fn open(run: &OpenRun) -> Result<Self, RunError> {
         let path = run.paths().segments();
         if !path.exists() {
-            return Ok(Self::of(run, History::new(run.segments()?)));
+            return Ok(Self::of(run, SegmentHistory::new(run.segments()?)));
         }
-        let found = History::load(&path).map_err(RunError::input)?;
+        let found = SegmentHistory::load(&path).map_err(RunError::input)?;
         run.check_segments(found.now())?;
         Ok(Self::of(run, found))
     }
@@ -80,10 +80,10 @@ impl RunSegments {
 
     /// Returns no segments, whatever the file holds: for a run whose scene is still being trained.
     pub fn none(run: &OpenRun) -> Self {
-        Self::of(run, History::new(run.no_segments()))
+        Self::of(run, SegmentHistory::new(run.no_segments()))
     }
 
-    fn of(run: &OpenRun, found: History) -> Self {
+    fn of(run: &OpenRun, found: SegmentHistory) -> Self {
         let paths = run.paths();
         let (path, edits, tracks) = (paths.segments(), paths.edits(), paths.tracks());
         Self { path, found, edits, tracks, renamed: Vec::new() }
@@ -120,10 +120,10 @@ impl RunSegments {
     }
 
     /// Returns the changes that can be undone or redone, the next one first.
-    pub fn steps(&self, towards: Towards) -> Vec<&str> {
+    pub fn steps(&self, towards: HistoryDirection) -> Vec<&str> {
         match towards {
-            Towards::Undo => self.found.undoable(),
-            Towards::Redo => self.found.redoable(),
+            HistoryDirection::Undo => self.found.undoable(),
+            HistoryDirection::Redo => self.found.redoable(),
         }
     }
 
@@ -131,14 +131,14 @@ impl RunSegments {
     ///
     /// # Errors
     /// If there are fewer than `count`, or one of them renames a segment and [`RunSegments::rename`] would refuse that.
-    pub fn step(&mut self, towards: Towards, count: usize) -> Result<Vec<String>, RunError> {
+    pub fn step(&mut self, towards: HistoryDirection, count: usize) -> Result<Vec<String>, RunError> {
         check_count(towards, count, self.steps(towards).len(), &self.path)?;
         let renames = self.check_renames(towards, count)?;
         let mut done = Vec::with_capacity(count);
         for _ in 0..count {
             done.extend(match towards {
-                Towards::Undo => self.found.undo(),
-                Towards::Redo => self.found.redo(),
+                HistoryDirection::Undo => self.found.undo(),
+                HistoryDirection::Redo => self.found.redo(),
             });
         }
         self.renamed.extend(renames);
@@ -149,10 +149,10 @@ impl RunSegments {
     ///
     /// # Errors
     /// The first one that [`RunSegments::rename`] would refuse.
-    fn check_renames(&self, towards: Towards, count: usize) -> Result<Vec<[Name; 2]>, RunError> {
+    fn check_renames(&self, towards: HistoryDirection, count: usize) -> Result<Vec<[Name; 2]>, RunError> {
         let next = |count| match towards {
-            Towards::Undo => self.found.undo_renames(count),
-            Towards::Redo => self.found.redo_renames(count),
+            HistoryDirection::Undo => self.found.undo_renames(count),
+            HistoryDirection::Redo => self.found.redo_renames(count),
         };
         let renames = next(count);
         if renames.is_empty() {
@@ -175,10 +175,10 @@ impl RunSegments {
 
     /// Returns whether the edits were not written after the segments when `new` was renamed to `old`, so that they
     /// still name `new`, which the next step restores: no other segment can have had that name since.
-    fn interrupted(&self, towards: Towards, edits: &EditStack, old: &str, new: &str) -> bool {
+    fn interrupted(&self, towards: HistoryDirection, edits: &EditStack, old: &str, new: &str) -> bool {
         let unused = match towards {
-            Towards::Undo => self.found.redoable().is_empty(),
-            Towards::Redo => !self.found.had(new),
+            HistoryDirection::Undo => self.found.redoable().is_empty(),
+            HistoryDirection::Redo => !self.found.had(new),
         };
         unused && edits.names(new) && !edits.names(old)
     }
@@ -235,7 +235,7 @@ impl RunSegments {
         if members.is_empty() {
             return Err(RunError::input(format!("{name}: these segments hold no Gaussians")));
         }
-        all.add(Segment { name: name.clone(), parent: None, colour, time, origin: Origin::Group, members })
+        all.add(Segment { name: name.clone(), parent: None, colour, time, origin: SegmentOrigin::Group, members })
             .map_err(RunError::input)?;
         self.change(format!("group {name}"), all.segments);
         Ok(())
@@ -289,7 +289,7 @@ pub fn by_colour(run: &OpenRun, found: &Coarse, time: f64) -> Result<Segmentatio
     let mut all = run.no_segments();
     for (name, entry, members) in found.groups() {
         let name = Name::new(name).map_err(RunError::failure)?;
-        let segment = Segment { name, parent: None, colour: entry.rgb, time, origin: Origin::Coarse, members };
+        let segment = Segment { name, parent: None, colour: entry.rgb, time, origin: SegmentOrigin::Coarse, members };
         all.add(segment).map_err(RunError::failure)?;
     }
     Ok(all)
@@ -299,7 +299,7 @@ pub fn by_colour(run: &OpenRun, found: &Coarse, time: f64) -> Result<Segmentatio
 ///
 /// # Errors
 /// If not; the error says how many there are.
-pub(super) fn check_count(towards: Towards, count: usize, there: usize, file: &Path) -> Result<(), RunError> {
+pub(super) fn check_count(towards: HistoryDirection, count: usize, there: usize, file: &Path) -> Result<(), RunError> {
     let verb = towards.verb();
     if there == 0 {
         return Err(RunError::input(format!("nothing to {verb} in {}", file.display())));
@@ -321,7 +321,7 @@ pub(super) fn check_clusters(clusters: usize, points: usize, of: &str, dimension
         return Err(RunError::input(format!("--clusters {clusters}: {of} only {points} Gaussians")));
     }
     let needed = kmeans::memory(points, dimensions, clusters);
-    Budget::now().check(format!("--clusters {clusters}"), needed).map_err(RunError::input)
+    MemoryBudget::now().check(format!("--clusters {clusters}"), needed).map_err(RunError::input)
 }
 
 /// Draws the first [`SHOWN`] of the `segments`, each alone from three sides, one row per segment.

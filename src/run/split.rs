@@ -14,7 +14,7 @@ use crate::segment::fine::network::FEATURES;
 use crate::segment::paint::flat;
 use crate::segment::pictures::draw_each;
 use crate::segment::pieces::without_strays;
-use crate::segment::segmentation::{Origin, Segment, Segmentation};
+use crate::segment::segmentation::{Segment, SegmentOrigin, Segmentation};
 use clap::Args;
 use image::RgbImage;
 
@@ -40,7 +40,7 @@ pub struct SplitOptions {
 
 /// The parts of a segment.
 #[derive(Clone, Debug)]
-pub struct Parts {
+pub struct SegmentParts {
     /// Their names, largest part first.
     pub names: Vec<Name>,
     /// The Gaussians of the whole segment, at the time of the field.
@@ -61,7 +61,7 @@ pub fn split(
     name: &str,
     options: &SplitOptions,
     goes_on: &dyn Fn() -> bool,
-) -> Result<Option<Parts>, RunError> {
+) -> Result<Option<SegmentParts>, RunError> {
     let mut all = segments.now().clone();
     let whole = all.get(name).map_err(RunError::input)?.clone();
     make_room(&mut all, name, options.replace)?;
@@ -103,7 +103,7 @@ pub fn split(
         for (shade, _) in shades.iter_mut().zip(&labels).filter(|(_, l)| **l == label) {
             *shade = Some(colour);
         }
-        let (parent, origin) = (Some(whole.name.clone()), Origin::Fine { scale: options.scale });
+        let (parent, origin) = (Some(whole.name.clone()), SegmentOrigin::Fine { scale: options.scale });
         let part = Segment { name: name.clone(), parent, colour, time: spec.time, origin, members };
         all.add(part).map_err(RunError::failure)?;
         names.push(name);
@@ -115,11 +115,11 @@ pub fn split(
         )));
     }
     segments.change(format!("split {}", whole.name), all.segments);
-    Ok(Some(Parts { names, alone, shades }))
+    Ok(Some(SegmentParts { names, alone, shades }))
 }
 
 /// Draws the whole segment from four sides, as it is and coloured by part.
-pub fn sheet(run: &OpenRun, around: &Surroundings, parts: &Parts) -> RgbImage {
+pub fn sheet(run: &OpenRun, around: &Surroundings, parts: &SegmentParts) -> RgbImage {
     let painted = flat(parts.alone.clone(), parts.shades.iter().map(|shade| shade.unwrap_or(NO_PART)));
     let (width, height) = (around.lens.width as usize, around.lens.height as usize);
     let (rendering, device) = (run.scene.spec.rendering().flat(), run.device());

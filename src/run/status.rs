@@ -21,14 +21,14 @@ pub fn status<'r>(run: &Path, recorded: &'r str) -> &'r str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::files::Work;
+    use crate::files::LockDuration;
 
     #[test]
     fn a_run_is_running_only_while_it_is_locked() {
         let dir = tempfile::tempdir().unwrap();
         let says = |recorded| status(dir.path(), recorded);
         assert_eq!([says("running"), says("interrupted"), says("complete")], [BROKEN_OFF, "interrupted", "complete"]);
-        let held = RunLock::acquire(dir.path(), "volseggs train", Work::Long).unwrap();
+        let held = RunLock::acquire(dir.path(), "volseggs train", LockDuration::Long).unwrap();
         assert_eq!(says("running"), RUNNING);
         drop(held);
         assert_eq!(says("running"), BROKEN_OFF);

@@ -4,13 +4,13 @@ use super::SweepError;
 use super::file::{RandomSpec, RangeSpec, SampleMethod, SweepFile};
 pub(super) use crate::config::flatten;
 use crate::config::short_key;
-use crate::memory::{Budget, product};
+use crate::memory::{MemoryBudget, product};
 use crate::rng::{Purpose, Rng};
 use std::collections::{BTreeMap, HashSet};
 use toml::Value;
 
 /// Keys set by a variant, by dotted name.
-pub type Settings = BTreeMap<String, Value>;
+pub type VariantSettings = BTreeMap<String, Value>;
 
 /// A variant: its name and what it sets.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,7 +20,7 @@ pub struct Variant {
     /// What it starts from instead of the sweep's configuration.
     pub config: Option<String>,
     /// What it sets.
-    pub settings: Settings,
+    pub settings: VariantSettings,
     /// Its seeds instead of the sweep's.
     pub seeds: Option<Vec<u64>>,
 }
@@ -31,8 +31,8 @@ pub struct Variant {
 /// If an axis has no values, a range or the samples are invalid, a variant has no name or that of another, or there are
 /// more entries than a sweep may have.
 pub fn variants(file: &SweepFile) -> Result<Vec<Variant>, SweepError> {
-    check_count(file, 1, 1, Budget::now())?;
-    let mut found = vec![Variant { name: String::new(), config: None, settings: Settings::new(), seeds: None }];
+    check_count(file, 1, 1, MemoryBudget::now())?;
+    let mut found = vec![Variant { name: String::new(), config: None, settings: VariantSettings::new(), seeds: None }];
     if !file.variant.is_empty() {
         let mut named = Vec::new();
         for (i, spec) in file.variant.iter().enumerate() {
@@ -91,7 +91,12 @@ const ENTRY_BYTES: u128 = 16_384;
 
 /// Refuses a file with more entries than can be planned, before any is made. `places` is the number of datasets times
 /// that of devices. The error names the key that contributes most.
-pub(super) fn check_count(file: &SweepFile, seeds: usize, places: usize, budget: Budget) -> Result<(), SweepError> {
+pub(super) fn check_count(
+    file: &SweepFile,
+    seeds: usize,
+    places: usize,
+    budget: MemoryBudget,
+) -> Result<(), SweepError> {
     let mut factors = vec![
         ("variant".to_owned(), file.variant.len()),
         ("seeds".to_owned(), seeds),
@@ -137,9 +142,9 @@ impl Variant {
 /// Maximum end of a range of integers, 2^53: beyond it, not every integer can be represented in double precision.
 const MAX_INTEGER: f64 = 9_007_199_254_740_992.0;
 
-type Point = Vec<(String, Value)>;
+type AxesPoint = Vec<(String, Value)>;
 
-fn samples(file: &SweepFile, spec: &RandomSpec) -> Result<Vec<Point>, SweepError> {
+fn samples(file: &SweepFile, spec: &RandomSpec) -> Result<Vec<AxesPoint>, SweepError> {
     if spec.count == 0 || spec.keys.is_empty() {
         return Err(file.wrong("random", "needs a count of at least 1 and at least one key"));
     }
@@ -158,7 +163,7 @@ fn samples(file: &SweepFile, spec: &RandomSpec) -> Result<Vec<Point>, SweepError
         |i: usize| spec.keys.iter().zip(&units).map(|((key, range), u)| (key.clone(), range.at(u[i]))).collect();
     // integers and choices can repeat; training the same run twice adds nothing
     let mut met = HashSet::new();
-    let new = |point: &Point| met.insert(format!("{point:?}"));
+    let new = |point: &AxesPoint| met.insert(format!("{point:?}"));
     Ok((0..spec.count).map(point).filter(new).collect())
 }
 

@@ -86,7 +86,7 @@ fn a_latin_hypercube_uses_each_part_once() {
 
 #[test]
 fn too_many_runs_are_refused_before_any_is_made() {
-    let check = |text: &str, seeds, budget| match check_count(&file(text), seeds, 2, Budget::from_bytes(budget)) {
+    let check = |text: &str, seeds, budget| match check_count(&file(text), seeds, 2, MemoryBudget::from_bytes(budget)) {
         Err(SweepError::Key { key, problem, .. }) => Err((key, problem)),
         other => other.map_err(|e| panic!("{e}")),
     };

@@ -5,7 +5,7 @@
 
 use super::key::{is_key, key, parts};
 use super::plan::Plan;
-use super::result::{Progress, progress, progress_in, read};
+use super::result::{RunCompletion, progress, progress_in, read};
 use crate::files::RunPaths;
 use crate::program::{build_label, short};
 use crate::train::checkpoint;
@@ -50,7 +50,7 @@ impl OtherBuilds {
 
     /// Returns replacements for those of `runs` that the plan's build has not finished: the newest key, by run.
     pub fn replacements(&self, plan: &Plan, runs: &[usize]) -> BTreeMap<usize, String> {
-        let open = |i: &&usize| progress(plan, **i) != Progress::Done && trained(&plan.run_folder(**i)).is_none();
+        let open = |i: &&usize| progress(plan, **i) != RunCompletion::Done && trained(&plan.run_folder(**i)).is_none();
         runs.iter().filter(open).filter_map(|i| Some((*i, self.of_run(*i).first()?.clone()))).collect()
     }
 }
@@ -91,7 +91,7 @@ impl Plan {
 
 /// A plan with the runs that a table shows, and notes on them.
 #[derive(Clone, Debug, PartialEq)]
-pub struct View {
+pub struct PlanView {
     /// The plan.
     pub plan: Plan,
     /// Notes on the choice of runs.
@@ -100,12 +100,12 @@ pub struct View {
 
 /// Returns what a table of `plan` shows: the runs of its own build or, if none of them has ended, those of the build
 /// that finished the most; builds are mixed only if `any` is set.
-pub fn view(plan: &Plan, any: bool) -> View {
+pub fn view(plan: &Plan, any: bool) -> PlanView {
     let others = OtherBuilds::find(plan);
     // a failed run is shown as such, and not replaced
-    let open: Vec<usize> = (0..plan.runs.len()).filter(|i| progress(plan, *i) == Progress::Open).collect();
+    let open: Vec<usize> = (0..plan.runs.len()).filter(|i| progress(plan, *i) == RunCompletion::Open).collect();
     let none = open.len() == plan.runs.len();
-    let measured = |i: usize, key: &&String| progress_in(plan, i, &plan.runs_folder.join(key)) == Progress::Done;
+    let measured = |i: usize, key: &&String| progress_in(plan, i, &plan.runs_folder.join(key)) == RunCompletion::Done;
     let candidates: Vec<(usize, Vec<&String>)> =
         open.into_iter().map(|i| (i, others.of_run(i).iter().filter(|key| measured(i, key)).collect())).collect();
     let newest: BTreeMap<usize, String> =
@@ -132,7 +132,7 @@ pub fn view(plan: &Plan, any: bool) -> View {
             tally(newest.values())
         ));
     }
-    View { plan: shown, notes }
+    PlanView { plan: shown, notes }
 }
 
 /// The build that could replace the most runs.
@@ -153,7 +153,7 @@ pub fn tally<'a>(keys: impl Iterator<Item = &'a String>) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::result::{Failure, Metrics, failure_path, metrics_in, write, write_measured};
+    use super::super::result::{Metrics, RunFailure, failure_path, metrics_in, write, write_measured};
     use super::super::{PlanOptions, halving};
     use super::*;
     use crate::sweep::collect::collect;
@@ -268,7 +268,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let plan = plan(dir.path());
         measure(&plan, &of(&plan, 0, A), 20.0);
-        let failure = Failure { error: "no".into(), stage: "train".into() };
+        let failure = RunFailure { error: "no".into(), stage: "train".into() };
         for run in 0..2 {
             std::fs::create_dir_all(plan.run_folder(run)).unwrap();
             write(&failure_path(&plan.run_folder(run)), &failure).unwrap();

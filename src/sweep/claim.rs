@@ -25,7 +25,7 @@ const MAX_NUMBER: u32 = 999_999;
 
 /// Who holds a run, as recorded in the claim file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Holder {
+pub struct ClaimHolder {
     /// Name of the machine.
     pub host: String,
     /// What distinguishes boots and containers of the same name; process ids are meaningful only within it.
@@ -48,18 +48,18 @@ pub struct Holder {
 #[derive(Debug)]
 pub struct Claim {
     path: PathBuf,
-    holder: Holder,
+    holder: ClaimHolder,
     stop: Option<Sender<()>>,
     heart: Option<JoinHandle<u64>>,
 }
 
 /// The result of asking for a run.
 #[derive(Debug)]
-pub enum Claimed {
+pub enum ClaimOutcome {
     /// This process has it.
     Mine(Claim),
     /// Another running process has it.
-    Held(Holder),
+    Held(ClaimHolder),
 }
 
 /// Asks for the run in `folder`, which is created if missing. Waits some minutes if only time can tell whether a holder
@@ -67,24 +67,24 @@ pub enum Claimed {
 ///
 /// # Errors
 /// Any error of the file system.
-pub fn claim(folder: &Path) -> io::Result<Claimed> {
+pub fn claim(folder: &Path) -> io::Result<ClaimOutcome> {
     fs::create_dir_all(folder)?;
-    let me = Holder::me();
-    let mut watched: Option<(u32, Holder, Instant)> = None;
+    let me = ClaimHolder::me();
+    let mut watched: Option<(u32, ClaimHolder, Instant)> = None;
     loop {
         let Some((number, holder)) = newest(folder)? else {
             if let Some(claim) = take(folder, 1, &me)? {
-                return Ok(Claimed::Mine(claim));
+                return Ok(ClaimOutcome::Mine(claim));
             }
             continue;
         };
         let free = match holder {
             Some(holder) if !holder.released => match (holder.is_gone(&me), &watched) {
                 (Some(true), _) => true,
-                (Some(false), _) => return Ok(Claimed::Held(holder)),
+                (Some(false), _) => return Ok(ClaimOutcome::Held(holder)),
                 (None, Some((n, was, since))) if *n == number && *was == holder => since.elapsed() > DEAD,
                 // there was a heartbeat while we watched
-                (None, Some((n, ..))) if *n == number => return Ok(Claimed::Held(holder)),
+                (None, Some((n, ..))) if *n == number => return Ok(ClaimOutcome::Held(holder)),
                 (None, _) => {
                     watched = Some((number, holder, Instant::now()));
                     false
@@ -109,7 +109,7 @@ pub fn claim(folder: &Path) -> io::Result<Claimed> {
                 )));
             }
             if let Some(claim) = take(folder, number + 1, &me)? {
-                return Ok(Claimed::Mine(claim));
+                return Ok(ClaimOutcome::Mine(claim));
             }
             watched = None;
         } else {
@@ -119,13 +119,13 @@ pub fn claim(folder: &Path) -> io::Result<Claimed> {
 }
 
 /// Returns who has the run in `folder` according to its files; `None` if nobody, or if the holder is known to be dead.
-pub fn holder(folder: &Path) -> Option<Holder> {
+pub fn holder(folder: &Path) -> Option<ClaimHolder> {
     let (_, holder) = newest(folder).ok()??;
-    holder.filter(|h| !h.released && h.is_gone(&Holder::me()) != Some(true))
+    holder.filter(|h| !h.released && h.is_gone(&ClaimHolder::me()) != Some(true))
 }
 
 /// The claim with the highest number; its content is `None` if it is not (completely) written.
-fn newest(folder: &Path) -> io::Result<Option<(u32, Option<Holder>)>> {
+fn newest(folder: &Path) -> io::Result<Option<(u32, Option<ClaimHolder>)>> {
     let Some(number) = numbers(folder)?.into_iter().max() else { return Ok(None) };
     let text = match fs::read_to_string(claim_path(folder, number)) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => String::new(),
@@ -152,7 +152,7 @@ fn claim_path(folder: &Path, number: u32) -> PathBuf {
 }
 
 /// Makes claim `number`; `None` if another process was first.
-fn take(folder: &Path, number: u32, me: &Holder) -> io::Result<Option<Claim>> {
+fn take(folder: &Path, number: u32, me: &ClaimHolder) -> io::Result<Option<Claim>> {
     let path = claim_path(folder, number);
     let mut file = match fs::File::create_new(&path) {
         Err(e) if e.kind() == io::ErrorKind::AlreadyExists => return Ok(None),
@@ -197,7 +197,7 @@ impl Drop for Claim {
     }
 }
 
-impl Holder {
+impl ClaimHolder {
     /// This process.
     fn me() -> Self {
         let pid = std::process::id();
@@ -233,7 +233,7 @@ impl Holder {
     }
 }
 
-impl std::fmt::Display for Holder {
+impl std::fmt::Display for ClaimHolder {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "process {} on {}", self.pid, self.host)?;
         self.task.as_ref().map_or(Ok(()), |task| write!(f, ", task {task}"))
@@ -244,10 +244,10 @@ impl std::fmt::Display for Holder {
 mod tests {
     use super::*;
 
-    fn mine(claimed: io::Result<Claimed>) -> Claim {
+    fn mine(claimed: io::Result<ClaimOutcome>) -> Claim {
         match claimed.unwrap() {
-            Claimed::Mine(claim) => claim,
-            Claimed::Held(holder) => panic!("held by {holder}"),
+            ClaimOutcome::Mine(claim) => claim,
+            ClaimOutcome::Held(holder) => panic!("held by {holder}"),
         }
     }
 
@@ -255,11 +255,11 @@ mod tests {
     fn one_of_many_gets_the_claim_and_the_next_one_after_its_release() {
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path().join("run");
-        let got: Vec<Claimed> = std::thread::scope(|s| {
+        let got: Vec<ClaimOutcome> = std::thread::scope(|s| {
             let threads: Vec<_> = (0..8).map(|_| s.spawn(|| claim(&folder).unwrap())).collect();
             threads.into_iter().map(|t| t.join().unwrap()).collect()
         });
-        assert_eq!(got.iter().filter(|c| matches!(c, Claimed::Mine(_))).count(), 1);
+        assert_eq!(got.iter().filter(|c| matches!(c, ClaimOutcome::Mine(_))).count(), 1);
         assert!(holder(&folder).is_some());
         drop(got);
         assert!(holder(&folder).is_none());
@@ -271,7 +271,7 @@ mod tests {
     #[test]
     fn a_dead_process_of_this_machine_is_taken_over_at_once() {
         let dir = tempfile::tempdir().unwrap();
-        let mut dead = Holder::me();
+        let mut dead = ClaimHolder::me();
         dead.born += 1;
         dead.write(&claim_path(dir.path(), 7)).unwrap();
         assert!(holder(dir.path()).is_none());
@@ -287,7 +287,7 @@ mod tests {
             fs::write(dir.path().join(name), "").unwrap();
         }
         assert!(holder(dir.path()).is_none());
-        let mut dead = Holder::me();
+        let mut dead = ClaimHolder::me();
         dead.born += 1;
         dead.write(&claim_path(dir.path(), MAX_NUMBER - 1)).unwrap();
         // at once, though all numbers below are free
@@ -301,7 +301,7 @@ mod tests {
 
     #[test]
     fn a_task_requeued_on_another_machine_continues_at_once() {
-        let (mut before, mut now) = (Holder::me(), Holder::me());
+        let (mut before, mut now) = (ClaimHolder::me(), ClaimHolder::me());
         before.host = "other".into();
         assert_eq!(before.is_gone(&now), None);
         (before.task, now.task) = (Some("12_3".into()), Some("12_3".into()));
@@ -316,7 +316,7 @@ mod tests {
     #[test]
     fn a_remote_holder_with_a_heartbeat_is_alive() {
         let dir = tempfile::tempdir().unwrap();
-        let mut other = Holder::me();
+        let mut other = ClaimHolder::me();
         other.place = "elsewhere".into();
         let path = claim_path(dir.path(), 1);
         other.write(&path).unwrap();
@@ -327,6 +327,6 @@ mod tests {
             other.write(&path).unwrap();
             asking.join().unwrap()
         });
-        assert!(matches!(answer, Claimed::Held(h) if h.beat == 1));
+        assert!(matches!(answer, ClaimOutcome::Held(h) if h.beat == 1));
     }
 }

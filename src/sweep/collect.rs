@@ -2,12 +2,12 @@
 
 use super::halving;
 use super::key::parts;
-use super::plan::{Entry, Plan};
+use super::plan::{Plan, PlanEntry};
 use super::result::{
-    Failure, Measured, Metrics, OF_RUNS, failure_path, live_psnr, metrics_path, read, read_metrics, read_segments,
-    segments_path,
+    MeasuredMetrics, Metrics, OF_RUNS, RunFailure, failure_path, live_psnr, metrics_path, read, read_metrics,
+    read_segments, segments_path,
 };
-use crate::compare::{Outcome, OutcomeState, ResultSet};
+use crate::compare::{OutcomeState, ResultSet, VariantOutcome};
 use crate::program::short;
 use std::path::Path;
 
@@ -18,7 +18,7 @@ pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
     for entry in in_table_order(plan) {
         let run = &plan.runs[entry.run];
         let folder = plan.run_folder(entry.run);
-        let base = Outcome {
+        let base = VariantOutcome {
             variant: entry.variant.clone(),
             dataset: run.dataset.clone(),
             device: run.device.clone(),
@@ -26,21 +26,21 @@ pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
             settings: entry.settings.clone(),
             run: folder.clone(),
             build: parts(&run.key).1.to_owned(),
-            ..Outcome::default()
+            ..VariantOutcome::default()
         };
         let whole = read_metrics(&metrics_path(plan, entry.run));
-        let failure = || read::<Failure>(&failure_path(&folder)).map(|f| format!("{}: {}", f.stage, f.error));
+        let failure = || read::<RunFailure>(&failure_path(&folder)).map(|f| format!("{}: {}", f.stage, f.error));
         let open = |metrics: Metrics| {
             let state = match (failure(), stopped.get(&run.key)) {
                 (Some(error), _) => OutcomeState::Failed(error),
                 (None, Some(step)) => OutcomeState::Stopped(*step),
                 (None, None) => OutcomeState::Missing,
             };
-            Outcome { state, metrics, ..base.clone() }
+            VariantOutcome { state, metrics, ..base.clone() }
         };
         let Some(index) = entry.segments else {
             outcomes.push(match whole {
-                Some(Measured { build, metrics }) => Outcome {
+                Some(MeasuredMetrics { build, metrics }) => VariantOutcome {
                     state: OutcomeState::Done,
                     measured_by: short(&build).to_owned(),
                     metrics,
@@ -59,7 +59,7 @@ pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
             // no segment can be clicked at that time: shown as not measured, rather than omitted
             Some(scores) if scores.metrics.is_empty() => outcomes.push(open(Metrics::new())),
             None => outcomes.push(open(Metrics::new())),
-            Some(scores) => outcomes.extend(scores.metrics.into_iter().map(|(segment, metrics)| Outcome {
+            Some(scores) => outcomes.extend(scores.metrics.into_iter().map(|(segment, metrics)| VariantOutcome {
                 segment,
                 metrics: metrics.into_iter().chain(of_run.clone()).collect(),
                 measured_by: short(&scores.build).to_owned(),
@@ -81,16 +81,16 @@ pub fn collect(plan: &Plan, dir: &Path) -> ResultSet {
 }
 
 /// The entries in the order of a table, which has the seeds of a variant side by side; the plan has seeds outermost.
-fn in_table_order(plan: &Plan) -> Vec<&Entry> {
-    let mut entries: Vec<&Entry> = plan.entries.iter().collect();
+fn in_table_order(plan: &Plan) -> Vec<&PlanEntry> {
+    let mut entries: Vec<&PlanEntry> = plan.entries.iter().collect();
     let mut variants: Vec<&str> = Vec::new();
     for entry in &plan.entries {
         if !variants.contains(&entry.variant.as_str()) {
             variants.push(&entry.variant);
         }
     }
-    let place = |e: &Entry| variants.iter().position(|v| *v == e.variant);
-    let run = |e: &Entry| (plan.runs[e.run].dataset.clone(), plan.runs[e.run].device.clone());
+    let place = |e: &PlanEntry| variants.iter().position(|v| *v == e.variant);
+    let run = |e: &PlanEntry| (plan.runs[e.run].dataset.clone(), plan.runs[e.run].device.clone());
     entries.sort_by_key(|e| (run(e), place(e)));
     entries
 }

@@ -1,7 +1,7 @@
 //! Digests of the files that runs are measured with: weights of networks and masks of other programs. Their names do
 //! not tell when they are replaced.
 
-use crate::eval::segments::SegmentOptions;
+use crate::eval::segments::SegmentEvalOptions;
 use crate::segment::masks::registry::SourceOption;
 use crate::segment::masks::source::MASK_SOURCES;
 use serde::{Deserialize, Serialize};
@@ -14,16 +14,16 @@ use twox_hash::XxHash3_128;
 /// Digests of files and folders by path, taken once, when the sweep is planned.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
-pub struct Contents(BTreeMap<PathBuf, String>);
+pub struct ContentDigests(BTreeMap<PathBuf, String>);
 
-impl Contents {
+impl ContentDigests {
     /// Reads all that measuring with these LPIPS weights and specifications uses, each file once.
     ///
     /// # Errors
     /// The key of a file that cannot be read, and why.
     pub(super) fn read<'a>(
         lpips: &[PathBuf],
-        specs: impl Iterator<Item = &'a SegmentOptions>,
+        specs: impl Iterator<Item = &'a SegmentEvalOptions>,
     ) -> Result<Self, (String, String)> {
         let mut contents = Self::default();
         for path in lpips {
@@ -54,7 +54,7 @@ impl Contents {
     }
 
     /// The digests of the files that `spec` names as text, empty if it names none.
-    pub(super) fn of_segments(&self, spec: &SegmentOptions) -> String {
+    pub(super) fn of_segments(&self, spec: &SegmentEvalOptions) -> String {
         self.text(files(spec).into_iter().map(|(_, name)| name))
     }
 
@@ -65,7 +65,7 @@ impl Contents {
 
 /// The files that the masks of `spec` are made from: the key of each, and what it is called here. Weights that the source
 /// finds by itself have its name, as each machine has its own folder for them.
-fn files(spec: &SegmentOptions) -> Vec<(&'static str, &Path)> {
+fn files(spec: &SegmentEvalOptions) -> Vec<(&'static str, &Path)> {
     let kind = MASK_SOURCES.get(&spec.masks);
     let reads = |option| kind.as_ref().is_ok_and(|kind| kind.reads().contains(&option));
     let weights = || spec.sam_weights.as_deref().unwrap_or(Path::new(&spec.masks));

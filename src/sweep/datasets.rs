@@ -6,10 +6,10 @@ use super::key::short_hash;
 use crate::data::dataset::measured_fingerprint;
 use crate::data::{Dataset, OpenOptions, SplitName, Truth};
 use crate::log::progress;
-use crate::prepare::views::{Times, ViewOptions};
+use crate::prepare::views::{TrainingTimes, ViewOptions};
 use crate::prepare::{
-    self, EVEN_STEPS, IMAGES, PrepareError, PrepareOptions, SegmentOptions, SegmentSteps, Source, TRUTH, image_count,
-    prepare,
+    self, EVEN_STEPS, IMAGES, PrepareError, PrepareOptions, PrepareSource, SegmentOptions, SegmentSteps, TRUTH,
+    image_count, prepare,
 };
 use crate::volume::transfer::TransferFunction;
 use serde::{Deserialize, Serialize};
@@ -93,7 +93,7 @@ pub(super) fn datasets(
                 let text = recipe(spec).map_err(|e| bad(&e))? + &truth;
                 let folder = out.join("datasets").join(format!("{name}-{}", short_hash(&text)));
                 if !is_rendered(&folder) {
-                    Rendering::new(spec).and_then(|r| r.check(&folder)).map_err(|e| bad(&e))?;
+                    SyntheticRendering::new(spec).and_then(|r| r.check(&folder)).map_err(|e| bad(&e))?;
                 }
                 DataPlan {
                     folder,
@@ -173,7 +173,7 @@ impl DataPlan {
         if is_rendered(&self.folder) {
             return Ok(());
         }
-        let rendering = Rendering::new(spec).map_err(|e| SweepError::io(&self.folder, e))?;
+        let rendering = SyntheticRendering::new(spec).map_err(|e| SweepError::io(&self.folder, e))?;
         rendering.make(&self.folder, stop)
     }
 }
@@ -184,13 +184,13 @@ fn is_rendered(folder: &Path) -> bool {
 }
 
 /// What `prepare` is asked for to make a synthetic scene.
-struct Rendering {
-    source: Source,
+struct SyntheticRendering {
+    source: PrepareSource,
     transfer: TransferFunction,
     options: PrepareOptions,
 }
 
-impl Rendering {
+impl SyntheticRendering {
     fn new(spec: &SyntheticSpec) -> Result<Self, PrepareError> {
         let scene = spec.scene().map_err(PrepareError::Options)?;
         let mut transfer = scene.transfer_function()?;
@@ -202,13 +202,17 @@ impl Rendering {
         };
         let views = ViewOptions {
             size: [spec.size; 2],
-            times: Times::Count(spec.times),
+            times: TrainingTimes::Count(spec.times),
             views_per_time: spec.views,
             test_views: spec.test_views,
             ..ViewOptions::default()
         };
         let options = PrepareOptions { views, segments, ..PrepareOptions::default() };
-        Ok(Self { source: Source::Synthetic { scene, dims: [spec.voxels(); 3], steps: STEPS }, transfer, options })
+        Ok(Self {
+            source: PrepareSource::Synthetic { scene, dims: [spec.voxels(); 3], steps: STEPS },
+            transfer,
+            options,
+        })
     }
 
     /// Refuses what `prepare` would refuse.

@@ -101,9 +101,9 @@ pub fn compare_devices(
     Ok(DeviceComparison { steps: done, devices: results.collect() })
 }
 
-type Tensors = std::collections::BTreeMap<String, crate::model::params::HostTensor>;
+type HostTensors = std::collections::BTreeMap<String, crate::model::params::HostTensor>;
 
-fn drift(step: usize, a: &Tensors, b: &Tensors) -> Drift {
+fn drift(step: usize, a: &HostTensors, b: &HostTensors) -> Drift {
     let mut worst = Drift { step, largest: Some(0.0), relative: Some(0.0), parameter: String::new() };
     for (name, x) in a {
         let Some(y) = b.get(name).filter(|y| y.shape == x.shape) else {
@@ -147,7 +147,7 @@ mod tests {
     #[test]
     fn nan_on_one_device_only_is_an_infinite_difference() {
         let of = |values: [f32; 2]| {
-            Tensors::from([("means".to_owned(), HostTensor { shape: vec![2], values: values.into() })])
+            HostTensors::from([("means".to_owned(), HostTensor { shape: vec![2], values: values.into() })])
         };
         assert_eq!(drift(1, &of([1.0, f32::NAN]), &of([1.0, f32::NAN])).to_string(), "bit-identical");
         let apart = drift(1, &of([1.0, 2.0]), &of([1.0, f32::NAN]));

@@ -5,12 +5,12 @@
 use super::builds::OtherBuilds;
 use super::datasets::DataPlan;
 use super::file::EvalSpec;
-use super::plan::{Plan, Run};
-use super::result::{Progress, progress, read, read_segments, segments_path};
+use super::plan::{Plan, PlannedRun};
+use super::result::{RunCompletion, progress, read, read_segments, segments_path};
 use crate::config::types::Config;
-use crate::eval::segments::{Method, SegmentOptions};
+use crate::eval::segments::{SegmentEvalOptions, SelectionMethod};
 use crate::files::RunPaths;
-use crate::method::{self, GaussianWork, Work};
+use crate::method::{self, GaussianWork, MethodWork};
 use crate::train::budget::max_gaussians;
 use crate::train::losses;
 use crate::train::run::RunRecord;
@@ -63,7 +63,7 @@ const PER_PRODUCT: f64 = PER_WEIGHT / 3.0;
 
 /// Estimated cost of one run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Cost {
+pub struct RunCost {
     /// Seconds of CPU time of the steps; does not account for the device's time on a GPU.
     pub cpu_seconds: f64,
     /// Seconds of CPU time before and after them: start, images, evaluation.
@@ -74,7 +74,7 @@ pub struct Cost {
 
 /// Estimated cost of a whole sweep.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Estimate {
+pub struct SweepEstimate {
     /// Number of runs left to do.
     pub open: usize,
     /// Seconds from now to the end.
@@ -86,13 +86,13 @@ pub struct Estimate {
 }
 
 /// Estimates the cost of a run of `config` on `data`, measured as `eval` specifies.
-pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
+pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> RunCost {
     let factor = f64::from(config.data.downscale.max(1));
     let pixels = f64::from(data.size[0]) * f64::from(data.size[1]) / (factor * factor);
     let method = method::find(&config.method).ok();
     let of = match method.and_then(|method| Some((method.steps(config) as f64, method.work(config)?))) {
-        Some((steps, Work::Network { step, pixel, bytes })) => of_network(steps, [step, pixel], bytes, pixels),
-        Some((_, Work::Gaussians(work))) => of_gaussians(config, work, pixels),
+        Some((steps, MethodWork::Network { step, pixel, bytes })) => of_network(steps, [step, pixel], bytes, pixels),
+        Some((_, MethodWork::Gaussians(work))) => of_gaussians(config, work, pixels),
         None => of_gaussians(config, GaussianWork::of_the_field(&config.model), pixels),
     };
     let views = data.views as f64 + if config.output.eval_every > 0 { data.test_views as f64 } else { 0.0 };
@@ -112,11 +112,11 @@ pub fn cost(config: &Config, data: &DataPlan, eval: &EvalSpec) -> Cost {
     };
     // images as bytes; the program itself
     let memory = of.memory + views * pixels * 4.0 + 1.5e8;
-    Cost { cpu_seconds: of.cpu_seconds.min(max_cpu_seconds), around, memory }
+    RunCost { cpu_seconds: of.cpu_seconds.min(max_cpu_seconds), around, memory }
 }
 
 /// The part of the cost that depends on the method.
-struct Share {
+struct MethodCost {
     steps: f64,
     cpu_seconds: f64,
     /// Seconds of CPU time per view, without what every view takes.
@@ -124,8 +124,8 @@ struct Share {
     memory: f64,
 }
 
-fn of_network(steps: f64, [per_step, per_pixel]: [f64; 2], bytes: f64, pixels: f64) -> Share {
-    Share {
+fn of_network(steps: f64, [per_step, per_pixel]: [f64; 2], bytes: f64, pixels: f64) -> MethodCost {
+    MethodCost {
         steps,
         // the backward pass takes twice as long as the forward pass
         cpu_seconds: steps * (PER_STEP + 3.0 * per_step * PER_PRODUCT),
@@ -134,7 +134,7 @@ fn of_network(steps: f64, [per_step, per_pixel]: [f64; 2], bytes: f64, pixels: f
     }
 }
 
-fn of_gaussians(config: &Config, work: GaussianWork, pixels: f64) -> Share {
+fn of_gaussians(config: &Config, work: GaussianWork, pixels: f64) -> MethodCost {
     let (start, end) = (config.init.points as f64, max_gaussians(config) as f64);
     let n = if end > start { 0.5 * (start + end) + 0.2 * end } else { end }.min(end);
     let (warm, joint) = (config.stages.warmup_steps as f64, config.stages.joint_steps as f64);
@@ -148,19 +148,19 @@ fn of_gaussians(config: &Config, work: GaussianWork, pixels: f64) -> Share {
         + pixels * losses::seconds_per_pixel(config);
     // parameters, gradients, two moments and the tape's copies of each Gaussian
     let memory = end * (4.0e3 + work.kept * 4.0);
-    Share { steps: warm + joint, cpu_seconds, view: end * (PER_GAUSSIAN_VIEW + products / 3.0), memory }
+    MethodCost { steps: warm + joint, cpu_seconds, view: end * (PER_GAUSSIAN_VIEW + products / 3.0), memory }
 }
 
 /// Estimates the seconds of CPU time that segments of a run of `config` on `data` take, measured as `spec` specifies.
-fn segmentation(spec: &SegmentOptions, config: &Config, data: &DataPlan) -> f64 {
+fn segmentation(spec: &SegmentEvalOptions, config: &Config, data: &DataPlan) -> f64 {
     let affinity = spec.config().affinity;
     let (fine, saga) = (affinity.steps as f64 * affinity.pixels as f64 / FINE_PIXELS, spec.saga_steps as f64);
     let per_gaussian = spec.methods.iter().map(|method| match method {
-        Method::Fine => fine * PER_FINE,
-        Method::CoarseFine => fine * PER_FINE_COLOUR,
-        Method::Saga => saga * PER_SAGA,
+        SelectionMethod::Fine => fine * PER_FINE,
+        SelectionMethod::CoarseFine => fine * PER_FINE_COLOUR,
+        SelectionMethod::Saga => saga * PER_SAGA,
         // colours and votes are not trained
-        Method::Coarse | Method::Sagd => 0.0,
+        SelectionMethod::Coarse | SelectionMethod::Sagd => 0.0,
     });
     let per_gaussian: f64 = per_gaussian.sum();
     let pixels = spec.views as f64 * f64::from(data.size[0]) * f64::from(data.size[1]);
@@ -173,10 +173,10 @@ fn cores() -> f64 {
 }
 
 /// Estimates what is left of `runs`, `jobs` at a time; failed runs count if they are tried again (`retry`).
-pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize, retry: bool) -> Estimate {
+pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize, retry: bool) -> SweepEstimate {
     let cores = cores();
     // its cost, and that of its segments that are not measured yet
-    let of = |i: usize, run: &Run| -> Option<(Cost, f64)> {
+    let of = |i: usize, run: &PlannedRun| -> Option<(RunCost, f64)> {
         let config: Config = toml::from_str(&run.config).ok()?;
         let data = plan.datasets.get(&run.dataset)?;
         let left = run.segments.iter().filter(|spec| read_segments(&segments_path(plan, i, spec)).is_none());
@@ -200,9 +200,9 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize, retry: bool) -> Estima
             ratios.push(record.training_seconds * threads * BUSY / cost.cpu_seconds.max(1e-9));
         }
         let is_open = match progress(plan, i) {
-            Progress::Done => false,
-            Progress::Failed(_) => retry,
-            Progress::Open => true,
+            RunCompletion::Done => false,
+            RunCompletion::Failed(_) => retry,
+            RunCompletion::Open => true,
         };
         if runs.contains(&i) && is_open {
             open += 1;
@@ -223,7 +223,7 @@ pub fn estimate(plan: &Plan, runs: &[usize], jobs: usize, retry: bool) -> Estima
         let rendered = plan.datasets.values().filter(|d| !d.folder.is_dir()).map(images).sum::<f64>();
         around += REPORT + wall(rendered * PER_PIXEL_RENDERED);
     }
-    Estimate { open, seconds: seconds * correction + around, memory: memory * together, correction }
+    SweepEstimate { open, seconds: seconds * correction + around, memory: memory * together, correction }
 }
 
 #[cfg(test)]
@@ -295,14 +295,18 @@ mod tests {
         let data = plan.datasets.values().next().unwrap();
         let n = max_gaussians(&config) as f64 / 12_000.0;
         for (method, oracle, expected) in [
-            (Method::CoarseFine, false, 26.0 * n + 15.0),
-            (Method::Fine, true, 80.0 * n + 35.0),
-            (Method::Saga, false, 100.0 * n + 15.0),
-            (Method::Coarse, true, 35.0),
+            (SelectionMethod::CoarseFine, false, 26.0 * n + 15.0),
+            (SelectionMethod::Fine, true, 80.0 * n + 35.0),
+            (SelectionMethod::Saga, false, 100.0 * n + 15.0),
+            (SelectionMethod::Coarse, true, 35.0),
         ] {
-            let steps =
-                SegmentOptions { fine_steps: Some(1500), saga_steps: 500, views: 30, ..SegmentOptions::default() };
-            let found = segmentation(&SegmentOptions { methods: vec![method], oracle, ..steps }, &config, data);
+            let steps = SegmentEvalOptions {
+                fine_steps: Some(1500),
+                saga_steps: 500,
+                views: 30,
+                ..SegmentEvalOptions::default()
+            };
+            let found = segmentation(&SegmentEvalOptions { methods: vec![method], oracle, ..steps }, &config, data);
             assert!((found - expected).abs() < 1e-6 * expected, "{found} {expected}");
         }
         let spec = &plan.runs[0].segments[0];

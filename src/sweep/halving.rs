@@ -4,22 +4,22 @@
 //! device. Decisions depend only on the files of the runs, so a resumed sweep decides as before.
 
 use super::SweepError;
-use super::plan::{Entry, Plan};
-use super::result::{Progress, live_psnr, progress, read, write};
+use super::plan::{Plan, PlanEntry};
+use super::result::{RunCompletion, live_psnr, progress, read, write};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// A variant on one dataset and device.
-type Group<'a> = (&'a str, &'a str, &'a str);
+type VariantGroup<'a> = (&'a str, &'a str, &'a str);
 
 /// Returns those of `runs` that continue beyond `rung`: for each dataset and device, the best fraction `keep` of the
 /// variants, at least one.
 pub fn survivors(plan: &Plan, runs: &[usize], rung: usize, keep: f64) -> Vec<usize> {
     let chosen: BTreeSet<usize> = runs.iter().copied().collect();
-    let mut scores: BTreeMap<Group<'_>, Vec<f64>> = BTreeMap::new();
+    let mut scores: BTreeMap<VariantGroup<'_>, Vec<f64>> = BTreeMap::new();
     for entry in plan.entries.iter().filter(|e| chosen.contains(&e.run)) {
-        let failed = matches!(progress(plan, entry.run), Progress::Failed(_));
+        let failed = matches!(progress(plan, entry.run), RunCompletion::Failed(_));
         let psnr = live_psnr(&plan.run_folder(entry.run), rung).filter(|_| !failed);
         // a run that failed or has no score counts as the worst
         let psnr = psnr.map_or(f64::NEG_INFINITY, |(_, p)| p);
@@ -40,7 +40,7 @@ pub fn survivors(plan: &Plan, runs: &[usize], rung: usize, keep: f64) -> Vec<usi
     runs.iter().copied().filter(continues).collect()
 }
 
-fn group<'a>(plan: &'a Plan, entry: &'a Entry) -> Group<'a> {
+fn group<'a>(plan: &'a Plan, entry: &'a PlanEntry) -> VariantGroup<'a> {
     let run = &plan.runs[entry.run];
     (&entry.variant, &run.dataset, &run.device)
 }

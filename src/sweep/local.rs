@@ -6,7 +6,9 @@
 use super::SweepError;
 use super::halving;
 use super::plan::Plan;
-use super::result::{Failure, Progress, failure_path, live_psnr, metrics_path, progress, read, read_metrics, write};
+use super::result::{
+    RunCompletion, RunFailure, failure_path, live_psnr, metrics_path, progress, read, read_metrics, write,
+};
 use crate::durations::duration;
 use crate::files::RunPaths;
 use crate::log::progress::{bar, line};
@@ -41,7 +43,7 @@ pub struct LocalOptions {
 
 /// Numbers of runs by how they ended.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Tally {
+pub struct RunTally {
     /// Done now.
     pub done: usize,
     /// Done before.
@@ -54,7 +56,7 @@ pub struct Tally {
     pub stopped: usize,
 }
 
-struct Job {
+struct LocalJob {
     index: usize,
     child: Child,
     started: Instant,
@@ -66,30 +68,32 @@ struct Job {
 ///
 /// # Errors
 /// If a process cannot be started, or `stop` was raised (children then save checkpoints first).
-pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tally, SweepError> {
+pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<RunTally, SweepError> {
     std::fs::create_dir_all(options.dir.join("logs")).map_err(|e| SweepError::io(&options.dir, e))?;
-    let mut tally = Tally::default();
+    let mut tally = RunTally::default();
     let mut runs = options.runs.clone();
     let (mut stopped, mut failed_before_end) = (BTreeMap::new(), 0);
     if let Some(spec) = &plan.halving {
         for &rung in &spec.rungs {
-            let short = |i: &usize| progress(plan, *i) == Progress::Open && steps_done(&plan.run_folder(*i)) < rung;
+            let short =
+                |i: &usize| progress(plan, *i) == RunCompletion::Open && steps_done(&plan.run_folder(*i)) < rung;
             let open: Vec<usize> = runs.iter().copied().filter(short).collect();
             if !open.is_empty() {
                 errln!("to step {rung}: {} runs", open.len());
-                let mut at_rung = Tally::default();
+                let mut at_rung = RunTally::default();
                 Pool::new(plan, options, Some(rung), stop).all(&open, &mut at_rung)?;
                 if at_rung.died > 0 {
                     // judged now, they would be judged by fewer steps than the others
-                    return Ok(Tally { died: at_rung.died, failed: at_rung.failed, ..tally });
+                    return Ok(RunTally { died: at_rung.died, failed: at_rung.failed, ..tally });
                 }
             }
             // with those not chosen that have come as far before: a run must not be the best of itself alone
-            let reached = |i: &usize| progress(plan, *i) == Progress::Done || steps_done(&plan.run_folder(*i)) >= rung;
+            let reached =
+                |i: &usize| progress(plan, *i) == RunCompletion::Done || steps_done(&plan.run_folder(*i)) >= rung;
             let field: Vec<usize> =
                 (0..plan.runs.len()).filter(|i| runs.contains(i) || !options.runs.contains(i) && reached(i)).collect();
             let kept = halving::survivors(plan, &field, rung, spec.keep);
-            let failed = |run: &usize| matches!(progress(plan, *run), Progress::Failed(_));
+            let failed = |run: &usize| matches!(progress(plan, *run), RunCompletion::Failed(_));
             let (lost, dropped): (Vec<usize>, Vec<usize>) =
                 runs.iter().copied().filter(|run| !kept.contains(run)).partition(failed);
             failed_before_end += lost.len();
@@ -100,9 +104,9 @@ pub fn run(plan: &Plan, options: &LocalOptions, stop: &AtomicBool) -> Result<Tal
         tally.stopped = stopped.len();
         errln!("to the end: {} runs", runs.len());
     }
-    let done = |i: &usize| progress(plan, *i) == Progress::Done;
+    let done = |i: &usize| progress(plan, *i) == RunCompletion::Done;
     tally.before = runs.iter().filter(|i| done(i)).count();
-    let open: Vec<usize> = runs.iter().copied().filter(|i| progress(plan, *i) == Progress::Open).collect();
+    let open: Vec<usize> = runs.iter().copied().filter(|i| progress(plan, *i) == RunCompletion::Open).collect();
     tally.failed = runs.len() - tally.before - open.len();
     if tally.before + tally.failed > 0 {
         errln!("{} of {} runs are already done, {} failed before", tally.before, runs.len(), tally.failed);
@@ -136,7 +140,7 @@ impl<'a> Pool<'a> {
     }
 
     /// Runs `open`, in order, `jobs` at a time.
-    fn all(&self, open: &[usize], tally: &mut Tally) -> Result<(), SweepError> {
+    fn all(&self, open: &[usize], tally: &mut RunTally) -> Result<(), SweepError> {
         let mut jobs = Vec::new();
         let ended = self.drive(open, &mut jobs, tally);
         // no child is left behind, even after an error
@@ -145,7 +149,7 @@ impl<'a> Pool<'a> {
         ended
     }
 
-    fn drive(&self, open: &[usize], jobs: &mut Vec<Job>, tally: &mut Tally) -> Result<(), SweepError> {
+    fn drive(&self, open: &[usize], jobs: &mut Vec<LocalJob>, tally: &mut RunTally) -> Result<(), SweepError> {
         let mut waiting: VecDeque<usize> = open.iter().copied().collect();
         // runs that another process has; tried again now and then
         let mut held: Vec<(usize, Instant)> = Vec::new();
@@ -202,7 +206,7 @@ impl<'a> Pool<'a> {
         self.options.dir.join("logs").join(format!("{}.log", self.plan.runs[index].key))
     }
 
-    fn start(&self, index: usize) -> Result<Job, SweepError> {
+    fn start(&self, index: usize) -> Result<LocalJob, SweepError> {
         let path = self.log_path(index);
         let log = File::options().create(true).append(true).open(&path).map_err(|e| SweepError::io(&path, e))?;
         let errors = log.try_clone().map_err(|e| SweepError::io(&path, e))?;
@@ -234,11 +238,11 @@ impl<'a> Pool<'a> {
         let child = command.spawn().map_err(|e| SweepError::io(&self.options.program, e))?;
         let line = self.screen.insert_before(&self.overall, line(self.plan.runs[index].steps));
         line.set_message(self.plan.runs[index].label.clone());
-        Ok(Job { index, child, started: Instant::now(), line, looked: Instant::now() })
+        Ok(LocalJob { index, child, started: Instant::now(), line, looked: Instant::now() })
     }
 
     /// Updates a run's line from its log, about once a second.
-    fn look(&self, job: &mut Job) {
+    fn look(&self, job: &mut LocalJob) {
         if job.looked.elapsed() < Duration::from_secs(1) || !std::io::stderr().is_terminal() {
             return;
         }
@@ -254,7 +258,7 @@ impl<'a> Pool<'a> {
         if self.overall.is_hidden() { errln!("{text}") } else { self.overall.println(text) }
     }
 
-    fn ended(&self, job: &Job, status: ExitStatus, tally: &mut Tally) {
+    fn ended(&self, job: &LocalJob, status: ExitStatus, tally: &mut RunTally) {
         job.line.finish_and_clear();
         self.overall.inc(1);
         let run = &self.plan.runs[job.index];
@@ -271,7 +275,7 @@ impl<'a> Pool<'a> {
             return;
         }
         let log = self.log_path(job.index);
-        match (status.code(), read::<Failure>(&failure_path(&folder))) {
+        match (status.code(), read::<RunFailure>(&failure_path(&folder))) {
             (Some(code), _) if code == i32::from(INTERRUPTED) => {
                 tally.died += 1;
                 self.say(&format!("{head}, interrupted; resumes at the next call"));
@@ -284,7 +288,7 @@ impl<'a> Pool<'a> {
                 tally.failed += 1;
                 // a panic, or an error before the run's folder could be used
                 let error = last_words(&log).unwrap_or_else(|| format!("exit code {code}"));
-                let failure = Failure { error: error.clone(), stage: "process".into() };
+                let failure = RunFailure { error: error.clone(), stage: "process".into() };
                 // the run's folder may be the problem; the others go on
                 let noted = std::fs::create_dir_all(&folder).is_ok() && write(&failure_path(&folder), &failure).is_ok();
                 if !noted {
@@ -300,7 +304,7 @@ impl<'a> Pool<'a> {
     }
 
     /// Asks all children to save and end, and waits for them.
-    fn end(&self, jobs: Vec<Job>) {
+    fn end(&self, jobs: Vec<LocalJob>) {
         for job in &jobs {
             terminate(&job.child);
         }

@@ -36,7 +36,7 @@ pub mod result;
 pub mod slurm;
 pub mod work;
 
-pub use contents::Contents;
+pub use contents::ContentDigests;
 pub use datasets::DataPlan;
 pub use error::SweepError;
-pub use plan::{Entry, Plan, PlanOptions, Run};
+pub use plan::{Plan, PlanEntry, PlanOptions, PlannedRun};

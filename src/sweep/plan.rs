@@ -8,15 +8,15 @@ use super::axes::{Variant, all_seeds, check_count, variants};
 use super::checks::{
     baseline, check_halving, check_lists, check_metrics, check_paper, check_plan, check_seed_keys, check_views,
 };
-use super::contents::Contents;
+use super::contents::ContentDigests;
 use super::datasets::{DataPlan, check_truth, datasets, fingerprint};
 use super::file::{EvalSpec, HalvingSpec, SweepFile, name_of};
 use super::key::{key, recipe, short_hash};
-use super::resolve::{Base, Resolved};
+use super::resolve::{Base, ResolvedVariant};
 use crate::compare::PaperTable;
 use crate::compare::metric;
-use crate::eval::segments::SegmentOptions;
-use crate::memory::Budget;
+use crate::eval::segments::SegmentEvalOptions;
+use crate::memory::MemoryBudget;
 use crate::method;
 use crate::program;
 use crate::versioned;
@@ -79,7 +79,7 @@ pub struct Plan {
     /// How runs are measured.
     pub eval: EvalSpec,
     /// Digests of the weights and masks that they are measured with.
-    pub contents: Contents,
+    pub contents: ContentDigests,
     /// Early stopping.
     pub halving: Option<HalvingSpec>,
     /// The paper's figures.
@@ -90,14 +90,14 @@ pub struct Plan {
     /// Datasets by name; synthetic ones are rendered before the first run.
     pub datasets: BTreeMap<String, DataPlan>,
     /// The training runs.
-    pub runs: Vec<Run>,
+    pub runs: Vec<PlannedRun>,
     /// The places in the table, with seeds outermost.
-    pub entries: Vec<Entry>,
+    pub entries: Vec<PlanEntry>,
 }
 
 /// One training run and what is measured of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Run {
+pub struct PlannedRun {
     /// Hash of configuration, dataset, device, version and tag, and the build that trains it; the name of its folder.
     /// See [`super::key`].
     pub key: String,
@@ -112,12 +112,12 @@ pub struct Run {
     /// Steps of the whole training.
     pub steps: usize,
     /// Measurements of segments.
-    pub segments: Vec<SegmentOptions>,
+    pub segments: Vec<SegmentEvalOptions>,
 }
 
 /// One variant on one dataset and device with one seed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Entry {
+pub struct PlanEntry {
     /// The variant's name.
     pub variant: String,
     /// The seed.
@@ -158,7 +158,7 @@ impl Plan {
         check_lists(&file, &seeds, options.elsewhere)?;
         check_seed_keys(&file, options)?;
         let places = options.data.len().max(file.data.len()).saturating_mul(file.devices.len());
-        check_count(&file, seeds.len(), places, Budget::now())?;
+        check_count(&file, seeds.len(), places, MemoryBudget::now())?;
         let variants = variants(&file)?;
         let baseline = baseline(&file, &variants)?;
         check_paper(&file, &variants)?;
@@ -178,7 +178,7 @@ impl Plan {
             metrics: file.metrics.clone(),
             baseline,
             eval: file.eval.clone(),
-            contents: Contents::default(),
+            contents: ContentDigests::default(),
             halving: file.halving.clone(),
             paper: file.paper.clone(),
             runs_folder: options.out.join("runs"),
@@ -188,7 +188,7 @@ impl Plan {
         };
         let base = Base { file: &file, path, options };
         let mut fingerprints = HashMap::new();
-        let mut placed = Placed::default();
+        let mut placed = PlacedRuns::default();
         // seeds outermost, so that a first table is available early
         for seed in all_seeds(&seeds, &variants) {
             for (dataset, data) in plan.datasets.clone() {
@@ -225,7 +225,7 @@ impl Plan {
             check_halving(halving, &plan).map_err(|e| file.wrong("halving", e))?;
         }
         let specs = plan.runs.iter().flat_map(|run| &run.segments);
-        let contents = Contents::read(&plan.eval.lpips_weights, specs);
+        let contents = ContentDigests::read(&plan.eval.lpips_weights, specs);
         plan.contents = contents.map_err(|(key, problem)| file.wrong(key, problem))?;
         Ok(plan)
     }
@@ -236,13 +236,13 @@ impl Plan {
         variant: &Variant,
         seed: u64,
         (dataset, device): (&str, &str),
-        one: Resolved,
+        one: ResolvedVariant,
         key: String,
-        placed: &mut Placed,
+        placed: &mut PlacedRuns,
     ) -> Result<(), String> {
         let index = *placed.runs.entry(key.clone()).or_insert_with(|| {
             let several = |one: bool, text: String| if one { String::new() } else { text };
-            self.runs.push(Run {
+            self.runs.push(PlannedRun {
                 key,
                 label: format!(
                     "{}{}{} seed {seed}",
@@ -275,7 +275,7 @@ impl Plan {
         let text = |(k, v): (&String, &toml::Value)| (k.clone(), v.to_string());
         let mut settings: BTreeMap<_, _> = variant.settings.iter().map(text).collect();
         settings.extend(variant.config.iter().map(|config| ("config".to_owned(), config.clone())));
-        self.entries.push(Entry { variant: variant.name.clone(), seed, settings, run: index, segments });
+        self.entries.push(PlanEntry { variant: variant.name.clone(), seed, settings, run: index, segments });
         Ok(())
     }
 
@@ -331,7 +331,7 @@ impl Plan {
 
 /// What has been placed in a plan already.
 #[derive(Default)]
-struct Placed {
+struct PlacedRuns {
     /// Runs by key.
     runs: HashMap<String, usize>,
     /// Entries by run and measurement of segments.

@@ -346,7 +346,7 @@ fn changed_test_views_or_ground_truth_are_measured_again_without_training() {
     std::fs::write(&path, format!("config = 'demo'\n[data]\nballs = '{}'\n", data.path().display())).unwrap();
     let places = || {
         let plan = Plan::new(&path, &PlanOptions { out: dir.path().into(), ..PlanOptions::default() }).unwrap();
-        let (metrics, segments) = (metrics_path(&plan, 0), segments_path(&plan, 0, &SegmentOptions::default()));
+        let (metrics, segments) = (metrics_path(&plan, 0), segments_path(&plan, 0, &SegmentEvalOptions::default()));
         (plan.runs[0].key.clone(), metrics, segments)
     };
     let before = places();
@@ -432,7 +432,7 @@ fn replaced_masks_and_weights_are_measured_again_without_training() {
 fn without_masks_and_weights_measurements_keep_their_names() {
     let data = DATA.replace("size", "segments = true, size");
     let plan = plan(&format!("config = 'demo'\n[segments]\nviews = 7\n{data}")).unwrap();
-    assert_eq!(plan.contents, Contents::default());
+    assert_eq!(plan.contents, ContentDigests::default());
     let (spec, measured) = (&plan.runs[0].segments[0], &plan.datasets["jets"].measured);
     let text = format!("[]{}{measured}", serde_json::to_string(spec).unwrap());
     assert!(segments_path(&plan, 0, spec).ends_with(format!("segments-{}.json", short_hash(&text))));

@@ -4,12 +4,12 @@
 //! and belongs to the measurement of segments instead: variants that differ in nothing else share a run.
 
 use super::SweepError;
-use super::axes::{Settings, Variant, flatten};
+use super::axes::{Variant, VariantSettings, flatten};
 use super::file::SweepFile;
 use super::plan::PlanOptions;
 use crate::config::types::{Config, SegmentConfig, segment::SECTION as SEGMENT};
 use crate::config::{PRESET_IF_NONE_GIVEN, RESERVED_VARIABLES};
-use crate::eval::segments::SegmentOptions;
+use crate::eval::segments::SegmentEvalOptions;
 use crate::method;
 use crate::words::plain;
 use std::path::Path;
@@ -26,16 +26,16 @@ pub(super) struct Base<'a> {
 }
 
 /// A variant's configuration.
-pub(super) struct Resolved {
+pub(super) struct ResolvedVariant {
     pub config: Config,
     /// The same as TOML text, with every key but those of segmentation.
     pub toml: String,
-    pub segments: Option<SegmentOptions>,
+    pub segments: Option<SegmentEvalOptions>,
 }
 
 impl Base<'_> {
     /// Resolves and checks the configuration of `variant` with `seed`.
-    pub fn resolve(&self, variant: &Variant, seed: u64) -> Result<Resolved, SweepError> {
+    pub fn resolve(&self, variant: &Variant, seed: u64) -> Result<ResolvedVariant, SweepError> {
         let place = format!("variant \"{}\"", variant.name);
         let bad = |problem: String| SweepError::Key { path: self.path.to_owned(), key: place.clone(), problem };
         let config = variant.config.as_deref().or(self.file.config.as_deref()).unwrap_or(PRESET_IF_NONE_GIVEN);
@@ -60,16 +60,16 @@ impl Base<'_> {
                 return Err(bad(format!("segments: the method {name} has no Gaussians that stay the same over time")));
             }
         }
-        Ok(Resolved { config: resolved.value, toml, segments })
+        Ok(ResolvedVariant { config: resolved.value, toml, segments })
     }
 
     /// `[segments]` with the keys of the sweep, the command line and the variant on top, and `[segment]`.
     fn segments(
         &self,
-        set: &Settings,
-        variant: &Settings,
+        set: &VariantSettings,
+        variant: &VariantSettings,
         config: &SegmentConfig,
-    ) -> Result<Option<SegmentOptions>, String> {
+    ) -> Result<Option<SegmentEvalOptions>, String> {
         let mut table = self.file.segments.clone();
         let command_line = self.options.set.iter().filter_map(|s| {
             let (key, value) = s.split_once('=')?;
@@ -87,7 +87,7 @@ impl Base<'_> {
                 return Err("segments.segment: options of segmentation have keys of their own, segment.*".to_owned());
             }
             let spec = t.clone().try_into();
-            let mut spec: SegmentOptions =
+            let mut spec: SegmentEvalOptions =
                 spec.map_err(|e: toml::de::Error| format!("{}: {}", wrong_key(&t), plain(e.message())))?;
             spec.segment = config.clone();
             let base = self.path.parent().unwrap_or(Path::new(""));
@@ -103,7 +103,7 @@ impl Base<'_> {
 /// Names the key because of which `table` is no section `[segments]`; the errors of the parser do not.
 fn wrong_key(table: &Table) -> String {
     let alone = |(key, value): &(&String, &Value)| Table::from_iter([((*key).clone(), (*value).clone())]);
-    let wrong = table.iter().find(|entry| alone(entry).try_into::<SegmentOptions>().is_err());
+    let wrong = table.iter().find(|entry| alone(entry).try_into::<SegmentEvalOptions>().is_err());
     wrong.map_or_else(|| SEGMENTS.trim_end_matches('.').to_owned(), |(key, _)| format!("{SEGMENTS}{key}"))
 }
 
@@ -112,6 +112,6 @@ fn value_text(assignment: &str) -> String {
 }
 
 /// Settings in the form that `--set` takes, without those of segments.
-fn assignments(settings: &Settings) -> Vec<String> {
+fn assignments(settings: &VariantSettings) -> Vec<String> {
     settings.iter().filter(|(k, _)| !k.starts_with(SEGMENTS)).map(|(k, v)| format!("{k}={v}")).collect()
 }

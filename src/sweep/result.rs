@@ -3,7 +3,7 @@
 use super::key::short_hash;
 use super::plan::Plan;
 use crate::compare::curves;
-use crate::eval::segments::SegmentOptions;
+use crate::eval::segments::SegmentEvalOptions;
 use crate::files::{read_text, write_atomic};
 use crate::metrics::METRICS;
 use crate::program;
@@ -28,7 +28,7 @@ pub(super) const OF_RUNS: [&str; 7] =
 
 /// A file of metrics: those of a run, or of its segments by name.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Measured<T> {
+pub struct MeasuredMetrics<T> {
     /// Digest of the program that measured, see [`crate::program`]; empty if unknown.
     pub build: String,
     /// What was measured.
@@ -37,7 +37,7 @@ pub struct Measured<T> {
 
 /// `failed.json`: why a run failed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Failure {
+pub struct RunFailure {
     /// The error.
     pub error: String,
     /// The stage that failed: config, device, data, train, eval, segments or process.
@@ -60,11 +60,11 @@ pub fn metrics_in(plan: &Plan, index: usize, folder: &Path) -> PathBuf {
 }
 
 /// Path of the metrics by segment of run `index`, measured as `spec` specifies, in its folder.
-pub fn segments_path(plan: &Plan, index: usize, spec: &SegmentOptions) -> PathBuf {
+pub fn segments_path(plan: &Plan, index: usize, spec: &SegmentEvalOptions) -> PathBuf {
     segments_in(plan, index, spec, &plan.run_folder(index))
 }
 
-fn segments_in(plan: &Plan, index: usize, spec: &SegmentOptions, folder: &Path) -> PathBuf {
+fn segments_in(plan: &Plan, index: usize, spec: &SegmentEvalOptions, folder: &Path) -> PathBuf {
     // the LPIPS weights are those of the evaluation
     let lpips = &plan.eval.lpips_weights;
     let contents = plan.contents.of_lpips(lpips) + &plan.contents.of_segments(spec);
@@ -92,12 +92,12 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Option<T> {
 }
 
 /// Reads what was measured of a whole run; `None` if the file is missing or not complete.
-pub fn read_metrics(path: &Path) -> Option<Measured<Metrics>> {
+pub fn read_metrics(path: &Path) -> Option<MeasuredMetrics<Metrics>> {
     read(path)
 }
 
 /// Reads what was measured of segments, by their name; `None` if the file is missing or not complete.
-pub fn read_segments(path: &Path) -> Option<Measured<BTreeMap<String, Metrics>>> {
+pub fn read_segments(path: &Path) -> Option<MeasuredMetrics<BTreeMap<String, Metrics>>> {
     read(path)
 }
 
@@ -107,7 +107,7 @@ pub fn read_segments(path: &Path) -> Option<Measured<BTreeMap<String, Metrics>>>
 /// A message that names the file.
 pub fn write_measured(path: &Path, metrics: impl Serialize) -> Result<(), String> {
     let build = program::build().map(|build| build.digest.clone()).unwrap_or_default();
-    write(path, &Measured { build, metrics })
+    write(path, &MeasuredMetrics { build, metrics })
 }
 
 /// Writes one of these files.
@@ -121,11 +121,11 @@ pub fn write(path: &Path, value: &impl Serialize) -> Result<(), String> {
 
 /// How far a run is, according to its files.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Progress {
+pub enum RunCompletion {
     /// Everything that the plan requests is measured.
     Done,
     /// It failed.
-    Failed(Failure),
+    Failed(RunFailure),
     /// Something is left to do.
     Open,
 }
@@ -139,22 +139,22 @@ fn other_format(path: &Path) -> Option<String> {
 }
 
 /// Returns how far run `index` of `plan` is.
-pub fn progress(plan: &Plan, index: usize) -> Progress {
+pub fn progress(plan: &Plan, index: usize) -> RunCompletion {
     progress_in(plan, index, &plan.run_folder(index))
 }
 
 /// Like [`progress`], but in `folder`.
-pub fn progress_in(plan: &Plan, index: usize, folder: &Path) -> Progress {
+pub fn progress_in(plan: &Plan, index: usize, folder: &Path) -> RunCompletion {
     let metrics = metrics_in(plan, index, folder);
     let segments: Vec<PathBuf> =
         plan.runs[index].segments.iter().map(|s| segments_in(plan, index, s, folder)).collect();
     if let Some(error) = iter::once(&metrics).chain(&segments).find_map(|path| other_format(path)) {
-        return Progress::Failed(Failure { error, stage: "process".to_owned() });
+        return RunCompletion::Failed(RunFailure { error, stage: "process".to_owned() });
     }
     if read_metrics(&metrics).is_some() && segments.iter().all(|path| read_segments(path).is_some()) {
-        return Progress::Done;
+        return RunCompletion::Done;
     }
-    read(&failure_path(folder)).map_or(Progress::Open, Progress::Failed)
+    read(&failure_path(folder)).map_or(RunCompletion::Open, RunCompletion::Failed)
 }
 
 /// Returns the last test PSNR in a run's log up to `step`, after the step that it is of.

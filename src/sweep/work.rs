@@ -1,22 +1,22 @@
 //! One run of a plan from beginning to end: train, measure, measure segments. The same for a process on this machine
 //! and for a task of Slurm; what is done is not repeated, and what was begun is resumed.
 
-use super::claim::{Claimed, claim};
-use super::plan::{Plan, Run};
+use super::claim::{ClaimOutcome, claim};
+use super::plan::{Plan, PlannedRun};
 use super::result::{
-    Failure, Metrics, Progress, failure_path, metrics_path, progress, read, read_metrics, read_segments, segments_path,
-    write, write_measured,
+    Metrics, RunCompletion, RunFailure, failure_path, metrics_path, progress, read, read_metrics, read_segments,
+    segments_path, write, write_measured,
 };
 use crate::config::types::Config;
 use crate::data::{SplitName, Truth};
 use crate::device::DeviceName;
-use crate::eval::segments::{self, SegmentOptions};
-use crate::files::{AtomicDir, LockError, RunLock, RunPaths, Work};
+use crate::eval::segments::{self, SegmentEvalOptions};
+use crate::files::{AtomicDir, LockDuration, LockError, RunLock, RunPaths};
 use crate::metrics::lpips::Lpips;
 use crate::metrics::metric::Networks;
 use crate::run::measure::{MeasuredOn, measure};
 use crate::run::{AnyRun, OpenRun};
-use crate::train::run::{RunContext, RunOptions, RunRecord, Start};
+use crate::train::run::{RunContext, RunOptions, RunRecord, RunStart};
 use crate::train::{checkpoint, open_dataset, open_measured};
 use burn::tensor::Device;
 use std::collections::BTreeMap;
@@ -25,7 +25,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// How work on a run ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Ended {
+pub enum RunEnd {
     /// Everything that the plan requests is done.
     Done,
     /// It was done before.
@@ -45,33 +45,33 @@ pub enum Ended {
 /// Takes run `index` of `plan` as far as possible; training pauses after `stop_after` steps, if given.
 ///
 /// # Errors
-/// If the run's folder cannot be used. A failure of the run itself is not an error but [`Ended::Failed`].
-pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicBool) -> std::io::Result<Ended> {
+/// If the run's folder cannot be used. A failure of the run itself is not an error but [`RunEnd::Failed`].
+pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicBool) -> std::io::Result<RunEnd> {
     let folder = plan.run_folder(index);
     if let Some(ended) = ended(plan, index) {
         return Ok(ended);
     }
     let held = match claim(&folder)? {
-        Claimed::Mine(claim) => claim,
-        Claimed::Held(holder) => return Ok(Ended::Held(holder.to_string())),
+        ClaimOutcome::Mine(claim) => claim,
+        ClaimOutcome::Held(holder) => return Ok(RunEnd::Held(holder.to_string())),
     };
     // it may have ended while we asked
     if let Some(ended) = ended(plan, index) {
         return Ok(ended);
     }
     // the claim keeps other sweeps away, also on other machines; the lock keeps away commands that a user runs
-    let lock = match RunLock::acquire(&folder, COMMAND, Work::Long) {
+    let lock = match RunLock::acquire(&folder, COMMAND, LockDuration::Long) {
         Ok(lock) => lock,
-        Err(LockError::Held { holder, .. }) => return Ok(Ended::Busy(holder.to_string())),
+        Err(LockError::Held { holder, .. }) => return Ok(RunEnd::Busy(holder.to_string())),
         Err(LockError::Io { source, .. } | LockError::ReadOnly { source, .. }) => return Err(source),
     };
     let ended =
         match (Worker { plan, index, run: &plan.runs[index], folder: &folder, stop, lock: &lock }).go(stop_after) {
             Ok(ended) => ended,
-            Err(_) if stop.load(Ordering::Relaxed) => Ended::Interrupted,
+            Err(_) if stop.load(Ordering::Relaxed) => RunEnd::Interrupted,
             Err(failure) => {
                 write(&failure_path(&folder), &failure).map_err(std::io::Error::other)?;
-                Ended::Failed(format!("{}: {}", failure.stage, failure.error))
+                RunEnd::Failed(format!("{}: {}", failure.stage, failure.error))
             }
         };
     drop((lock, held));
@@ -79,18 +79,18 @@ pub fn work(plan: &Plan, index: usize, stop_after: Option<usize>, stop: &AtomicB
 }
 
 /// How a run ended before: done, or failed; a failed run is tried again only on request (its record is then removed).
-fn ended(plan: &Plan, index: usize) -> Option<Ended> {
+fn ended(plan: &Plan, index: usize) -> Option<RunEnd> {
     match progress(plan, index) {
-        Progress::Done => Some(Ended::AlreadyDone),
-        Progress::Failed(failure) => Some(Ended::Failed(format!("{}: {}", failure.stage, failure.error))),
-        Progress::Open => None,
+        RunCompletion::Done => Some(RunEnd::AlreadyDone),
+        RunCompletion::Failed(failure) => Some(RunEnd::Failed(format!("{}: {}", failure.stage, failure.error))),
+        RunCompletion::Open => None,
     }
 }
 
 struct Worker<'a> {
     plan: &'a Plan,
     index: usize,
-    run: &'a Run,
+    run: &'a PlannedRun,
     folder: &'a Path,
     stop: &'a AtomicBool,
     lock: &'a RunLock,
@@ -99,12 +99,12 @@ struct Worker<'a> {
 /// The command that is named to others while this process holds the run.
 const COMMAND: &str = "volseggs sweep";
 
-fn failed<E: std::fmt::Display>(stage: &'static str) -> impl Fn(E) -> Failure {
-    move |e| Failure { error: e.to_string(), stage: stage.to_owned() }
+fn failed<E: std::fmt::Display>(stage: &'static str) -> impl Fn(E) -> RunFailure {
+    move |e| RunFailure { error: e.to_string(), stage: stage.to_owned() }
 }
 
 impl Worker<'_> {
-    fn go(&self, stop_after: Option<usize>) -> Result<Ended, Failure> {
+    fn go(&self, stop_after: Option<usize>) -> Result<RunEnd, RunFailure> {
         let config: Config = toml::from_str(&self.run.config).map_err(failed("config"))?;
         let device: DeviceName = self.run.device.parse().map_err(failed("device"))?;
         let device = device.open().map_err(failed("device"))?;
@@ -118,7 +118,7 @@ impl Worker<'_> {
             return Ok(ended);
         }
         if self.stop.load(Ordering::Relaxed) {
-            return Ok(Ended::Interrupted);
+            return Ok(RunEnd::Interrupted);
         }
         let trained = AnyRun::open_any(self.folder, &device).map_err(failed("eval"))?;
         let networks = Networks::load(&self.plan.eval.lpips_weights, &device).map_err(failed("eval"))?;
@@ -126,19 +126,19 @@ impl Worker<'_> {
             self.measure(&config, &data.folder, &trained, &networks)?;
         }
         if self.run.segments.is_empty() {
-            return Ok(Ended::Done);
+            return Ok(RunEnd::Done);
         }
         let trained = trained.gaussians().map_err(failed("segments"))?;
         for spec in &self.run.segments {
             if self.stop.load(Ordering::Relaxed) {
-                return Ok(Ended::Interrupted);
+                return Ok(RunEnd::Interrupted);
             }
             self.segments(spec, config.seed, &data.folder, &trained, networks.lpips())?;
         }
-        Ok(Ended::Done)
+        Ok(RunEnd::Done)
     }
 
-    fn record(&self) -> Result<RunRecord, Failure> {
+    fn record(&self) -> Result<RunRecord, RunFailure> {
         let path = RunPaths(self.folder).record();
         read(&path).ok_or_else(|| failed("eval")(format!("{}: missing or incomplete", path.display())))
     }
@@ -150,7 +150,7 @@ impl Worker<'_> {
         data: &Path,
         device: &Device,
         stop_after: Option<usize>,
-    ) -> Result<Option<Ended>, Failure> {
+    ) -> Result<Option<RunEnd>, RunFailure> {
         if let Ok(record) = self.record()
             && record.status == "complete"
             && checkpoint::newest_scene(self.folder).is_some()
@@ -169,7 +169,7 @@ impl Worker<'_> {
         let dataset = open_dataset(data, config).map_err(failed("data"))?;
         let options = RunOptions {
             out: self.folder.to_owned(),
-            start: Start::NewOrResume,
+            start: RunStart::NewOrResume,
             command: COMMAND.to_owned(),
             config_toml: self.run.config.clone(),
             device_name: self.run.device.clone(),
@@ -180,12 +180,12 @@ impl Worker<'_> {
         let outcome = crate::method::train(context, device).map_err(failed("train"))?;
         Ok(match outcome.reason.is_complete() {
             true => None,
-            false if self.stop.load(Ordering::Relaxed) => Some(Ended::Interrupted),
-            false => Some(Ended::Paused),
+            false if self.stop.load(Ordering::Relaxed) => Some(RunEnd::Interrupted),
+            false => Some(RunEnd::Paused),
         })
     }
 
-    fn measure(&self, config: &Config, data: &Path, trained: &AnyRun, networks: &Networks) -> Result<(), Failure> {
+    fn measure(&self, config: &Config, data: &Path, trained: &AnyRun, networks: &Networks) -> Result<(), RunFailure> {
         let split = open_measured(data, SplitName::Test, config, self.plan.eval.views, None);
         let split = split.map_err(failed("eval"))?;
         let on = MeasuredOn::open(trained, Some(data), SplitName::Test).map_err(failed("eval"))?;
@@ -199,17 +199,17 @@ impl Worker<'_> {
 
     fn segments(
         &self,
-        spec: &SegmentOptions,
+        spec: &SegmentEvalOptions,
         seed: u64,
         data: &Path,
         trained: &OpenRun,
         networks: &[Lpips],
-    ) -> Result<(), Failure> {
+    ) -> Result<(), RunFailure> {
         let path = segments_path(self.plan, self.index, spec);
         if read_segments(&path).is_some() {
             return Ok(());
         }
-        let options = SegmentOptions { seed, ..spec.clone() };
+        let options = SegmentEvalOptions { seed, ..spec.clone() };
         let truth = Truth::read(data).map_err(failed("segments"))?;
         let widening = trained.widening();
         // never committed: it is removed when this ends, or now if an earlier process was killed

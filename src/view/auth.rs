@@ -14,9 +14,9 @@ const BYTES: usize = 16;
 
 /// The secret of one server.
 #[derive(Clone)]
-pub struct Token(String);
+pub struct AccessToken(String);
 
-impl Token {
+impl AccessToken {
     /// Makes a new token from the system's random numbers.
     ///
     /// # Errors
@@ -39,7 +39,7 @@ impl Token {
 }
 
 /// Hides the token, which would no longer be secret in a log.
-impl std::fmt::Debug for Token {
+impl std::fmt::Debug for AccessToken {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str("Token(..)")
     }
@@ -48,7 +48,7 @@ impl std::fmt::Debug for Token {
 /// The rules of one server.
 #[derive(Clone, Debug)]
 pub struct Guard {
-    token: Token,
+    token: AccessToken,
     /// Name of the cookie: one per server, even if ssh forwards several from the same port, as browsers do not
     /// distinguish cookies of two ports.
     cookie: String,
@@ -58,7 +58,7 @@ pub struct Guard {
 
 impl Guard {
     /// Makes the rules of a server, also reachable as any of `hosts` (names or addresses, without ports).
-    pub fn new(token: Token, hosts: Vec<String>) -> Self {
+    pub fn new(token: AccessToken, hosts: Vec<String>) -> Self {
         let digest = Sha256::digest(token.text());
         let cookie = digest.iter().take(4).fold("volseggs-".to_owned(), |name, byte| format!("{name}{byte:02x}"));
         Self { token, cookie, hosts }
@@ -122,12 +122,12 @@ mod tests {
     use super::*;
 
     fn guard() -> Guard {
-        Guard::new(Token("00112233445566778899aabbccddeeff".into()), vec!["node7".into()])
+        Guard::new(AccessToken("00112233445566778899aabbccddeeff".into()), vec!["node7".into()])
     }
 
     #[test]
     fn tokens_are_long_and_never_the_same() {
-        let [a, b] = [Token::new().unwrap(), Token::new().unwrap()];
+        let [a, b] = [AccessToken::new().unwrap(), AccessToken::new().unwrap()];
         assert!(a.text().len() == 32 && a.text() != b.text());
         assert!(a.is(a.text()) && !a.is(b.text()) && !a.is("") && !a.is(&a.text()[..31]));
         assert_eq!(format!("{a:?}"), "Token(..)");
@@ -168,7 +168,7 @@ mod tests {
         for wrong in ["", name, &format!("{name}=0"), "volseggs-1=00112233445566778899aabbccddeeff", "=;=;"] {
             assert!(!guard().allows_cookie(Some(wrong)), "{wrong}");
         }
-        let other = Guard::new(Token("f".repeat(32)), Vec::new()).set_cookie();
+        let other = Guard::new(AccessToken("f".repeat(32)), Vec::new()).set_cookie();
         assert_ne!(other.split('=').next().unwrap(), name, "the cookies of two servers do not replace each other");
         assert!(!guard().allows_cookie(None));
     }

@@ -1,7 +1,7 @@
 //! The viewer alongside training in this process.
 
 use super::hub::Hub;
-use super::listen::{Listening, ViewError};
+use super::listen::{ViewError, ViewerListener};
 use super::live::{Live, Onlooker};
 use super::workspace::Workspace;
 use crate::run::RunError;
@@ -30,7 +30,7 @@ impl Drop for End<'_> {
 /// device. `ready` is called when the first scene is available. The viewer ends with the training.
 /// Returns how the training ended, which does not depend on the viewer, and whether the viewer failed.
 pub fn beside(
-    listening: Listening,
+    listening: ViewerListener,
     device: &Device,
     ready: impl FnOnce(),
     train: impl FnOnce(&mut dyn Observer) -> Result<RunOutcome, TrainError>,

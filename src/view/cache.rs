@@ -1,12 +1,12 @@
 //! Recently deformed Gaussians by time and look, so that the second loop of a playback only splats.
 
-use crate::run::look::Prepared;
+use crate::run::look::PreparedLook;
 use std::collections::HashMap;
 
 /// Prepared Gaussians by key; the least recently used are dropped first.
 #[derive(Debug)]
 pub struct Cache {
-    held: HashMap<String, (Prepared, u64)>,
+    held: HashMap<String, (PreparedLook, u64)>,
     bytes: usize,
     max_bytes: usize,
     clock: u64,
@@ -19,7 +19,7 @@ impl Cache {
     }
 
     /// Returns what is stored under `key`, if it is still there.
-    pub fn get(&mut self, key: &str) -> Option<Prepared> {
+    pub fn get(&mut self, key: &str) -> Option<PreparedLook> {
         self.clock += 1;
         let (found, used) = self.held.get_mut(key)?;
         *used = self.clock;
@@ -27,7 +27,7 @@ impl Cache {
     }
 
     /// Stores `prepared` under `key`, unless it alone is too large.
-    pub fn put(&mut self, key: String, prepared: Prepared) {
+    pub fn put(&mut self, key: String, prepared: PreparedLook) {
         let bytes = prepared.bytes();
         if bytes > self.max_bytes {
             return;
@@ -63,7 +63,7 @@ mod tests {
     #[test]
     fn the_least_recently_used_entry_is_evicted_and_the_limit_is_kept() {
         let device = DeviceName::all()[0].open().unwrap();
-        let one = Prepared::of(&APART.gaussians(), 0, &device);
+        let one = PreparedLook::of(&APART.gaussians(), 0, &device);
         let bytes = one.bytes();
         assert!(bytes > 0);
         let mut cache = Cache::new(2 * bytes + 1);

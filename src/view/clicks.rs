@@ -1,7 +1,7 @@
 //! The scene that a client clicks on, prepared beside the drawing thread while nobody clicks, so that a click is
 //! answered at once.
 
-use super::reading::Read;
+use super::reading::OpenedRun;
 use super::workspace::Workspace;
 use crate::run::RunError;
 use crate::run::pick::Clicking;
@@ -12,11 +12,11 @@ use std::thread::JoinHandle;
 pub struct Clicks {
     revision: u64,
     time: f64,
-    state: State,
+    state: ClickState,
 }
 
 #[derive(Debug)]
-enum State {
+enum ClickState {
     Ready(Box<Clicking>),
     /// A thread is preparing it.
     Soon(JoinHandle<Clicking>),
@@ -30,9 +30,9 @@ impl Clicks {
     /// Returns the scene, if it is ready.
     fn into_ready(self) -> Option<Clicking> {
         match self.state {
-            State::Ready(clicking) => Some(*clicking),
-            State::Soon(thread) if thread.is_finished() => thread.join().ok(),
-            State::Soon(_) => None,
+            ClickState::Ready(clicking) => Some(*clicking),
+            ClickState::Soon(thread) if thread.is_finished() => thread.join().ok(),
+            ClickState::Soon(_) => None,
         }
     }
 
@@ -42,11 +42,11 @@ impl Clicks {
 
     /// Begins to prepare the scene at `time`, unless that was done, or an earlier one is still being prepared.
     pub fn prepare(now: &mut Option<Self>, space: &Workspace, time: f64) {
-        let busy = |c: &Self| matches!(&c.state, State::Soon(thread) if !thread.is_finished());
+        let busy = |c: &Self| matches!(&c.state, ClickState::Soon(thread) if !thread.is_finished());
         if space.shown.field.is_none() || now.as_ref().is_some_and(|c| c.fits(space, time) || busy(c)) {
             return;
         }
-        let Read { run, segments, field, .. } = &space.shown;
+        let OpenedRun { run, segments, field, .. } = &space.shown;
         let (run, segments, field) = (run.share(), segments.now().clone(), field.clone());
         // what the field says about the Gaussians is the same at all times
         let before = now.take().filter(|c| c.revision == space.revision()).and_then(Self::into_ready);
@@ -60,7 +60,7 @@ impl Clicks {
             clicking
         });
         // without a thread, the click does it
-        *now = thread.ok().map(|thread| Self { revision: space.revision(), time, state: State::Soon(thread) });
+        *now = thread.ok().map(|thread| Self { revision: space.revision(), time, state: ClickState::Soon(thread) });
     }
 
     /// Returns the scene at `time`, after waiting for it or preparing it.
@@ -70,22 +70,22 @@ impl Clicks {
     pub fn get<'c>(now: &'c mut Option<Self>, space: &Workspace, time: f64) -> Result<&'c Clicking, RunError> {
         let failed = || RunError::failure("the scene cannot be prepared for clicks");
         let clicking = match now.take().filter(|c| c.fits(space, time)).map(|c| c.state) {
-            Some(State::Ready(clicking)) => clicking,
-            Some(State::Soon(thread)) => Box::new(thread.join().map_err(|_| failed())?),
+            Some(ClickState::Ready(clicking)) => clicking,
+            Some(ClickState::Soon(thread)) => Box::new(thread.join().map_err(|_| failed())?),
             None => Box::new(Self::begin(space, time)),
         };
-        let ready = now.insert(Self { revision: space.revision(), time, state: State::Ready(clicking) });
+        let ready = now.insert(Self { revision: space.revision(), time, state: ClickState::Ready(clicking) });
         match &ready.state {
-            State::Ready(clicking) => Ok(clicking),
-            State::Soon(_) => Err(failed()),
+            ClickState::Ready(clicking) => Ok(clicking),
+            ClickState::Soon(_) => Err(failed()),
         }
     }
 
     /// Returns the scene that was clicked on last.
     pub fn last(&self) -> Option<&Clicking> {
         match &self.state {
-            State::Ready(clicking) => Some(clicking),
-            State::Soon(_) => None,
+            ClickState::Ready(clicking) => Some(clicking),
+            ClickState::Soon(_) => None,
         }
     }
 }

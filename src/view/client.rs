@@ -9,9 +9,9 @@ use super::protocol::{Answer, Combine, LevelOffer, RequestedGranularity, Selecte
 use super::workspace::Workspace;
 use crate::name::Name;
 use crate::run::RunError;
-use crate::run::look::{Legend, Look, Prepared};
-use crate::run::pick::{ClickError, Hit, surface_point};
-use crate::segment::pick::{Granularity, PickOptions, Picked};
+use crate::run::look::{Legend, Look, PreparedLook};
+use crate::run::pick::{ClickError, ClickHit, surface_point};
+use crate::segment::pick::{Granularity, PickOptions, PickedGaussians};
 use std::time::Instant;
 use tokio::sync::mpsc::Sender;
 
@@ -38,10 +38,10 @@ pub struct Client {
     /// The scene that it clicks on.
     clicks: Option<Clicks>,
     /// What is selected, with the number of that selection.
-    clicked: Option<(u64, Clicked)>,
+    clicked: Option<(u64, ClickResult)>,
     /// What was prepared last for both with the selection highlighted, with the key of the unhighlighted Gaussians and
     /// the number of the selection.
-    highlighted: [Option<(String, u64, Prepared)>; 2],
+    highlighted: [Option<(String, u64, PreparedLook)>; 2],
     /// Grows with every change of what is selected.
     selections: u64,
     legend: Option<Legend>,
@@ -60,11 +60,11 @@ fn shown(view: &View, side: Side) -> String {
 
 /// What is selected.
 #[derive(Clone, Debug)]
-pub struct Clicked {
+pub struct ClickResult {
     /// The last click.
-    pub hit: Hit,
+    pub hit: ClickHit,
     /// What all clicks selected, with scale and cosine of the last.
-    pub picked: Picked,
+    pub picked: PickedGaussians,
     /// Time of the click.
     pub time: f64,
     /// What was selected before the last click, and how the click combines with it.
@@ -105,7 +105,7 @@ impl Client {
     }
 
     /// Returns what is selected, and the number of that selection.
-    pub fn clicked(&self) -> Option<&(u64, Clicked)> {
+    pub fn clicked(&self) -> Option<&(u64, ClickResult)> {
         self.clicked.as_ref()
     }
 
@@ -148,7 +148,7 @@ impl Client {
     ///
     /// # Errors
     /// If the look or a segment is unknown.
-    pub fn look(&mut self, space: &Workspace, view: &View, side: Side) -> Result<(&mut Look, String), RunError> {
+    pub fn look_of(&mut self, space: &Workspace, view: &View, side: Side) -> Result<(&mut Look, String), RunError> {
         let run = side.run();
         let key = format!("{}{}", shown(view, side), space.revision());
         let found = &mut self.looks[side.index()];
@@ -172,7 +172,7 @@ impl Client {
     }
 
     /// Returns `prepared`, made for the look under `key`, with the selection highlighted; another run has none.
-    pub fn highlighted(&mut self, key: &str, prepared: Prepared, side: Side) -> Prepared {
+    pub fn highlighted(&mut self, key: &str, prepared: PreparedLook, side: Side) -> PreparedLook {
         let which = side.index();
         let clicked = self.clicked.as_ref().filter(|_| side.run().is_none());
         let Some(members) = clicked.map(|(_, c)| &c.picked.members) else { return prepared };
@@ -268,7 +268,7 @@ impl Client {
         id: u32,
         meaning: Option<RequestedGranularity>,
     ) -> Result<Selected, ClickError> {
-        let Some((_, Clicked { hit, time, before, .. })) = &self.clicked else {
+        let Some((_, ClickResult { hit, time, before, .. })) = &self.clicked else {
             return Err(RunError::input("click on something first").into());
         };
         let (hit, time, before) = (hit.clone(), *time, before.clone());
@@ -280,7 +280,7 @@ impl Client {
     fn select(
         &mut self,
         id: u32,
-        hit: Hit,
+        hit: ClickHit,
         time: f64,
         before: (Vec<u32>, Combine),
         meaning: Option<RequestedGranularity>,
@@ -312,7 +312,7 @@ impl Client {
             ms: 1e3 * started.elapsed().as_secs_f64(),
         };
         self.changed();
-        self.clicked = Some((self.selections, Clicked { hit, picked, time, before }));
+        self.clicked = Some((self.selections, ClickResult { hit, picked, time, before }));
         Ok(selected)
     }
 }

@@ -9,14 +9,14 @@ use std::time::Instant;
 
 /// A picture that is to be sent.
 #[derive(Clone, Debug)]
-pub struct Picture {
+pub struct OutgoingPicture {
     info: FrameInfo,
     rgb: RgbImage,
     /// Quality of JPEG in percent; lossless if `None`.
     quality: Option<u8>,
 }
 
-impl Picture {
+impl OutgoingPicture {
     /// Makes a picture of `rgb`, to be encoded as JPEG of a quality in percent, or lossless. Codec and size of `info`
     /// follow from the two.
     pub fn new(info: FrameInfo, rgb: RgbImage, quality: Option<u8>) -> Self {
@@ -64,10 +64,10 @@ mod tests {
         let (number, revision, time, render_ms, encode_ms) = (3, 1, 0.5, 2.0, 0.0);
         let (kind, codec, size) = (FrameKind::Picture, Codec::Png, [0; 2]);
         let info = FrameInfo { kind, codec, number, revision, size, time, render_ms, encode_ms };
-        let (sent, png) = Picture::new(info, rgb.clone(), None).encode().unwrap();
+        let (sent, png) = OutgoingPicture::new(info, rgb.clone(), None).encode().unwrap();
         assert_eq!((sent.codec, sent.size, sent.number), (Codec::Png, [64, 48], 3));
         assert_eq!(png, encode_png(&rgb).unwrap());
-        let (sent, jpeg) = Picture::new(info, rgb, Some(60)).encode().unwrap();
+        let (sent, jpeg) = OutgoingPicture::new(info, rgb, Some(60)).encode().unwrap();
         assert_eq!((sent.codec, &jpeg[..2]), (Codec::Jpeg, &[0xff, 0xd8][..]));
         assert!(jpeg.len() < png.len());
     }

@@ -1,6 +1,6 @@
 //! Link between the network and the drawing thread: what clients sent, in order, and where their answers go.
 
-use super::encode::Picture;
+use super::encode::OutgoingPicture;
 use super::protocol::{Answer, FrameInfo, Request};
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -21,7 +21,7 @@ pub enum Outgoing {
     /// A frame.
     Frame(FrameInfo, Vec<u8>),
     /// A frame that is to be encoded.
-    Picture(Box<Picture>),
+    Picture(Box<OutgoingPicture>),
 }
 
 impl Outgoing {
@@ -33,7 +33,7 @@ impl Outgoing {
 
 /// An event of a client.
 #[derive(Debug)]
-pub enum Event {
+pub enum ClientEvent {
     /// It connected; its answers go there.
     Connected(Sender<Outgoing>),
     /// It sent a request.
@@ -44,7 +44,7 @@ pub enum Event {
 
 #[derive(Debug, Default)]
 struct Inbox {
-    events: VecDeque<(ClientId, Event)>,
+    events: VecDeque<(ClientId, ClientEvent)>,
     stop: bool,
     woken: bool,
 }
@@ -58,7 +58,7 @@ pub struct Hub {
 
 impl Hub {
     /// Adds an event of a client.
-    pub fn push(&self, client: ClientId, event: Event) {
+    pub fn push(&self, client: ClientId, event: ClientEvent) {
         self.inbox().events.push_back((client, event));
         self.condvar.notify_one();
     }
@@ -82,7 +82,7 @@ impl Hub {
 
     /// Returns all events since the last call; if there are none, waits until `until`, for at most half a second.
     /// `None` when the thread is to stop.
-    pub fn wait(&self, until: Option<Instant>) -> Option<Vec<(ClientId, Event)>> {
+    pub fn wait(&self, until: Option<Instant>) -> Option<Vec<(ClientId, ClientEvent)>> {
         let mut inbox = self.inbox();
         let max_wait = Duration::from_millis(500);
         let wait = until.map_or(max_wait, |until| until.saturating_duration_since(Instant::now()).min(max_wait));

@@ -1,12 +1,12 @@
 //! Listening on a port or socket file, and serving the viewer there.
 
-use super::auth::{Guard, Token};
+use super::auth::{AccessToken, Guard};
 use super::hub::Hub;
 #[cfg(unix)]
 use super::local;
-use super::others::Other;
+use super::others::ComparedRun;
 use super::render::Renderer;
-use super::server::{Shared, router};
+use super::server::{ServerState, router};
 use super::workspace::Workspace;
 use crate::memory::Bytes;
 use crate::user_error::UserError;
@@ -61,7 +61,7 @@ pub struct ServingOptions {
 
 /// Where a viewer can be reached.
 #[derive(Clone, Debug)]
-pub struct Serving {
+pub struct ViewerAddress {
     /// Address and port; with a socket file, the port is that of the user's own machine in `url`.
     pub address: SocketAddr,
     /// The socket file.
@@ -169,15 +169,15 @@ fn max_connections() -> usize {
 }
 
 /// A viewer that listens; clients that connect wait until it serves.
-pub struct Listening {
+pub struct ViewerListener {
     runtime: Runtime,
     listener: Listener,
     guard: Guard,
-    serving: Serving,
+    serving: ViewerAddress,
     options: ServingOptions,
 }
 
-impl Listening {
+impl ViewerListener {
     /// Starts to listen, with a new secret.
     ///
     /// # Errors
@@ -200,7 +200,7 @@ impl Listening {
                 (Listener::Port(listener), address)
             }
         };
-        let token = Token::new().map_err(ViewError::System)?;
+        let token = AccessToken::new().map_err(ViewError::System)?;
         let host = match address.ip() {
             ip if ip.is_unspecified() || ip.is_loopback() => "localhost".to_owned(),
             IpAddr::V6(ip) => format!("[{ip}]"),
@@ -212,12 +212,12 @@ impl Listening {
             hosts.push(address.ip().to_string());
         }
         let guard = Guard::new(token, hosts);
-        let serving = Serving { address, socket: options.socket.clone(), url };
+        let serving = ViewerAddress { address, socket: options.socket.clone(), url };
         Ok(Self { runtime, listener, guard, serving, options: options.clone() })
     }
 
     /// Returns where it can be reached.
-    pub fn serving(&self) -> &Serving {
+    pub fn serving(&self) -> &ViewerAddress {
         &self.serving
     }
 
@@ -233,14 +233,14 @@ impl Listening {
     pub fn serve(
         self,
         space: Workspace,
-        others: Vec<Other>,
+        others: Vec<ComparedRun>,
         hub: Arc<Hub>,
         stop: &AtomicBool,
         ready: impl FnOnce(),
     ) -> Result<(), ViewError> {
         let Self { runtime, listener, guard, options, .. } = self;
         let cache = usize::try_from(options.cache.0).unwrap_or(usize::MAX);
-        let shared = Shared::new(guard, hub.clone());
+        let shared = ServerState::new(guard, hub.clone());
         let router = router(shared.clone());
         std::thread::scope(|scope| {
             let drawing = std::thread::Builder::new().name("drawing".into()).spawn_scoped(scope, || {

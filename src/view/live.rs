@@ -6,7 +6,7 @@ use crate::config::types::Config;
 use crate::model::params::{FitError, HostTensor, collect};
 use crate::model::{Scene, SceneSpec};
 use crate::run::OpenRun;
-use crate::train::observer::{Next, Observer, RunProgress};
+use crate::train::observer::{Observer, RunProgress, TrainingAction};
 use crate::train::run::RunRecord;
 use burn::tensor::Device;
 use schemars::JsonSchema;
@@ -68,14 +68,14 @@ impl SceneCopy {
 
 /// A run before its first step.
 #[derive(Debug)]
-pub struct Begun {
+pub struct BegunRun {
     path: PathBuf,
     record: RunRecord,
     config: Config,
     copy: SceneCopy,
 }
 
-impl Begun {
+impl BegunRun {
     /// Returns the run, with its scene on a device.
     ///
     /// # Errors
@@ -89,7 +89,7 @@ impl Begun {
 
 /// What windows want from the trainer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Wish {
+pub enum TrainerRequest {
     /// Nothing: no window is open.
     #[default]
     Nothing,
@@ -100,11 +100,11 @@ pub enum Wish {
 }
 
 #[derive(Debug, Default)]
-struct State {
+struct LiveState {
     progress: Progress,
-    wish: Wish,
+    wish: TrainerRequest,
     copy: Option<SceneCopy>,
-    run: Option<Begun>,
+    run: Option<BegunRun>,
     /// Whether something is to be sent at once.
     news: bool,
     /// Why the training ended, if it has.
@@ -114,7 +114,7 @@ struct State {
 /// What the two threads share.
 #[derive(Debug)]
 pub struct Live {
-    state: Mutex<State>,
+    state: Mutex<LiveState>,
     begins: Condvar,
     hub: Arc<Hub>,
 }
@@ -126,7 +126,7 @@ impl Live {
     }
 
     /// Waits for the run with the scene before the first step; `None` if the training ends before that.
-    pub fn begun(&self) -> Option<Begun> {
+    pub fn begun(&self) -> Option<BegunRun> {
         let mut state = self.lock();
         while state.run.is_none() && state.end.is_none() {
             state = self.begins.wait(state).unwrap_or_else(PoisonError::into_inner);
@@ -140,7 +140,7 @@ impl Live {
     }
 
     /// Sets what windows want.
-    pub fn wish(&self, wish: Wish) {
+    pub fn wish(&self, wish: TrainerRequest) {
         self.lock().wish = wish;
     }
 
@@ -177,7 +177,7 @@ impl Live {
         self.lock().end.clone()
     }
 
-    fn lock(&self) -> MutexGuard<'_, State> {
+    fn lock(&self) -> MutexGuard<'_, LiveState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -204,7 +204,7 @@ impl<'a> Onlooker<'a> {
     /// Leaves the run with the scene before the first step.
     fn begin(&mut self, now: &RunProgress<'_>, scene: &Scene) {
         let (path, record, config) = (now.run.to_owned(), now.record.clone(), now.config.clone());
-        self.live.lock().run = Some(Begun { path, record, config, copy: SceneCopy::new(now, scene) });
+        self.live.lock().run = Some(BegunRun { path, record, config, copy: SceneCopy::new(now, scene) });
         self.live.begins.notify_all();
         (self.copied, self.since) = (Some(now.steps), (now.seconds, now.steps));
         if let Some(ready) = self.ready.take() {
@@ -224,9 +224,9 @@ impl<'a> Onlooker<'a> {
 }
 
 impl Observer for Onlooker<'_> {
-    fn on_step(&mut self, now: &RunProgress<'_>) -> Next {
+    fn on_step(&mut self, now: &RunProgress<'_>) -> TrainingAction {
         // a viewer of a training that gives no Gaussians was refused before
-        let Some(scene) = now.model.scene() else { return Next::Continue };
+        let Some(scene) = now.model.scene() else { return TrainingAction::Continue };
         if self.copied.is_none() {
             self.begin(now, scene);
         }
@@ -234,7 +234,11 @@ impl Observer for Onlooker<'_> {
             let state = self.live.lock();
             (state.progress.pausing || now.steps >= now.until, state.wish)
         };
-        let due = if rests { wish >= Wish::AtRest } else { wish == Wish::Now && Instant::now() >= self.next };
+        let due = if rests {
+            wish >= TrainerRequest::AtRest
+        } else {
+            wish == TrainerRequest::Now && Instant::now() >= self.next
+        };
         let copy = (due && self.copied != Some(now.steps)).then(|| {
             let began = Instant::now();
             let copy = SceneCopy::new(now, scene);
@@ -257,6 +261,6 @@ impl Observer for Onlooker<'_> {
         if wakes {
             self.live.hub.wake();
         }
-        if paused { Next::Pause } else { Next::Continue }
+        if paused { TrainingAction::Pause } else { TrainingAction::Continue }
     }
 }

@@ -66,8 +66,8 @@ pub mod training;
 pub mod workspace;
 
 use hub::Hub;
-use listen::{Listening, Serving, ServingOptions, ViewError};
-use others::Other;
+use listen::{ServingOptions, ViewError, ViewerAddress, ViewerListener};
+use others::ComparedRun;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use workspace::Workspace;
@@ -79,12 +79,12 @@ use workspace::Workspace;
 /// If the address cannot be used, or the system gives no thread.
 pub fn serve(
     space: Workspace,
-    others: Vec<Other>,
+    others: Vec<ComparedRun>,
     options: &ServingOptions,
     stop: &AtomicBool,
-    ready: impl FnOnce(&Serving),
+    ready: impl FnOnce(&ViewerAddress),
 ) -> Result<(), ViewError> {
-    let listening = Listening::open(options)?;
+    let listening = ViewerListener::open(options)?;
     let serving = listening.serving().clone();
     listening.serve(space, others, Arc::new(Hub::default()), stop, || ready(&serving))
 }

@@ -6,7 +6,7 @@
 
 /// One of the two histories.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stack {
+pub enum HistoryStack {
     /// That of the segments.
     Segments,
     /// That of the edits.
@@ -15,7 +15,7 @@ pub enum Stack {
 
 /// Numbers of steps that a history can undo and redo.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Steps {
+pub struct StepCounts {
     /// To undo.
     pub undo: usize,
     /// To redo.
@@ -24,14 +24,14 @@ pub struct Steps {
 
 /// The changes that were seen in both histories, newest last.
 #[derive(Clone, Debug, Default)]
-pub struct Order {
-    done: Vec<Stack>,
-    undone: Vec<Stack>,
+pub struct ChangeOrder {
+    done: Vec<HistoryStack>,
+    undone: Vec<HistoryStack>,
 }
 
-impl Order {
+impl ChangeOrder {
     /// Records that a history was changed, undone or redone: its steps before and after show which.
-    pub fn record(&mut self, stack: Stack, before: Steps, after: Steps) {
+    pub fn record(&mut self, stack: HistoryStack, before: StepCounts, after: StepCounts) {
         if after.redo > before.redo {
             for _ in before.redo..after.redo {
                 take_last(&mut self.done, stack);
@@ -54,35 +54,35 @@ impl Order {
     }
 
     /// Returns the history of which to undo a step.
-    pub fn to_undo(&self, segments: Steps, edits: Steps) -> Option<Stack> {
+    pub fn to_undo(&self, segments: StepCounts, edits: StepCounts) -> Option<HistoryStack> {
         let last = self.done.last().copied();
         last.or_else(|| first(edits.undo, segments.undo))
     }
 
     /// Returns the history of which to redo a step.
-    pub fn to_redo(&self, segments: Steps, edits: Steps) -> Option<Stack> {
+    pub fn to_redo(&self, segments: StepCounts, edits: StepCounts) -> Option<HistoryStack> {
         let last = self.undone.last().copied();
         // after a change that was seen, what was undone before stays undone
         last.or_else(|| first(edits.redo, segments.redo).filter(|_| self.done.is_empty()))
     }
 }
 
-fn first(edits: usize, segments: usize) -> Option<Stack> {
+fn first(edits: usize, segments: usize) -> Option<HistoryStack> {
     match (edits, segments) {
         (0, 0) => None,
-        (0, _) => Some(Stack::Segments),
-        _ => Some(Stack::Edits),
+        (0, _) => Some(HistoryStack::Segments),
+        _ => Some(HistoryStack::Edits),
     }
 }
 
-fn take_last(list: &mut Vec<Stack>, stack: Stack) {
+fn take_last(list: &mut Vec<HistoryStack>, stack: HistoryStack) {
     if let Some(at) = list.iter().rposition(|s| *s == stack) {
         list.remove(at);
     }
 }
 
 /// Keeps the last `max_changes` changes of a history.
-fn forget_oldest(list: &mut Vec<Stack>, stack: Stack, max_changes: usize) {
+fn forget_oldest(list: &mut Vec<HistoryStack>, stack: HistoryStack, max_changes: usize) {
     let mut over = list.iter().filter(|s| **s == stack).count().saturating_sub(max_changes);
     list.retain(|s| {
         let goes = *s == stack && over > 0;
@@ -98,30 +98,30 @@ mod tests {
     /// Two histories as their files have them, and the order.
     #[derive(Default)]
     struct Both {
-        order: Order,
-        steps: [Steps; 2],
+        order: ChangeOrder,
+        steps: [StepCounts; 2],
     }
 
     impl Both {
-        fn to(&mut self, stack: Stack, undo: usize, redo: usize) {
-            let steps = &mut self.steps[usize::from(stack == Stack::Edits)];
-            let after = Steps { undo, redo };
+        fn to(&mut self, stack: HistoryStack, undo: usize, redo: usize) {
+            let steps = &mut self.steps[usize::from(stack == HistoryStack::Edits)];
+            let after = StepCounts { undo, redo };
             self.order.record(stack, *steps, after);
             *steps = after;
         }
 
-        fn undo(&self) -> Option<Stack> {
+        fn undo(&self) -> Option<HistoryStack> {
             self.order.to_undo(self.steps[0], self.steps[1])
         }
 
-        fn redo(&self) -> Option<Stack> {
+        fn redo(&self) -> Option<HistoryStack> {
             self.order.to_redo(self.steps[0], self.steps[1])
         }
     }
 
     #[test]
     fn the_latest_change_is_undone_first_and_redone_last() {
-        use Stack::{Edits, Segments};
+        use HistoryStack::{Edits, Segments};
         let mut both = Both::default();
         assert_eq!((both.undo(), both.redo()), (None, None));
         both.to(Segments, 1, 0);
@@ -142,8 +142,9 @@ mod tests {
 
     #[test]
     fn earlier_changes_are_undone_edits_first_and_forgotten_ones_never() {
-        use Stack::{Edits, Segments};
-        let mut both = Both { steps: [Steps { undo: 50, redo: 1 }, Steps { undo: 2, redo: 0 }], ..Both::default() };
+        use HistoryStack::{Edits, Segments};
+        let mut both =
+            Both { steps: [StepCounts { undo: 50, redo: 1 }, StepCounts { undo: 2, redo: 0 }], ..Both::default() };
         assert_eq!((both.undo(), both.redo()), (Some(Edits), Some(Segments)));
         for _ in 0..60 {
             // the number of remembered changes has reached its limit

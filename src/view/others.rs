@@ -13,14 +13,14 @@ const APART: f64 = 2.0;
 
 /// Another run.
 #[derive(Debug)]
-pub struct Other {
+pub struct ComparedRun {
     /// A short name that no other of them has.
     name: String,
     /// The run, in which nothing may be changed.
     pub space: Workspace,
 }
 
-impl Other {
+impl ComparedRun {
     /// Opens the runs at `paths`, in order.
     ///
     /// # Errors

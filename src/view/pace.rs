@@ -22,7 +22,7 @@ const NEW_WEIGHT: f64 = 0.3;
 
 /// What is drawn next for a client.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Next {
+pub enum NextDrawing {
     /// Nothing, until something happens.
     Wait,
     /// Nothing before this moment.
@@ -37,7 +37,7 @@ pub enum Next {
 
 /// What has been drawn since the last change of the view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-enum Drawn {
+enum DrawnQuality {
     Nothing,
     Reduced,
     Full,
@@ -57,7 +57,7 @@ pub struct Pace {
     /// When the view changed last, and whether the client says that more changes follow.
     changed: Instant,
     moving: bool,
-    drawn: Drawn,
+    drawn: DrawnQuality,
     /// Smoothed milliseconds per pixel to draw a frame.
     ms_per_pixel: Option<f64>,
 }
@@ -66,12 +66,20 @@ impl Pace {
     /// Makes the pace of a client that has seen nothing.
     pub fn new(now: Instant) -> Self {
         let (on_their_way, line) = (Vec::new(), VecDeque::new());
-        Self { on_their_way, heard: None, line, changed: now, moving: false, drawn: Drawn::Nothing, ms_per_pixel: None }
+        Self {
+            on_their_way,
+            heard: None,
+            line,
+            changed: now,
+            moving: false,
+            drawn: DrawnQuality::Nothing,
+            ms_per_pixel: None,
+        }
     }
 
     /// Records that the view changed; `moving` if more changes are to come.
     pub fn changes(&mut self, now: Instant, moving: bool) {
-        (self.changed, self.moving, self.drawn) = (now, moving, Drawn::Nothing);
+        (self.changed, self.moving, self.drawn) = (now, moving, DrawnQuality::Nothing);
     }
 
     /// Records that the client drew frame `number` and all before it.
@@ -92,16 +100,16 @@ impl Pace {
     }
 
     /// Records that frame `number` of `pixels` was sent as `next` requested, and took `ms` milliseconds to draw.
-    pub fn sent(&mut self, now: Instant, next: Next, number: u32, pixels: usize, ms: f64) {
-        let measures = if next == Next::Lossless { 0 } else { pixels };
+    pub fn sent(&mut self, now: Instant, next: NextDrawing, number: u32, pixels: usize, ms: f64) {
+        let measures = if next == NextDrawing::Lossless { 0 } else { pixels };
         self.on_their_way.push((number, measures, now));
         self.drawn = match next {
-            Next::Moving(part) if part < 1.0 => Drawn::Reduced,
-            Next::Moving(_) | Next::Full => Drawn::Full,
-            Next::Lossless => Drawn::Lossless,
-            Next::Wait | Next::WaitUntil(_) => self.drawn,
+            NextDrawing::Moving(part) if part < 1.0 => DrawnQuality::Reduced,
+            NextDrawing::Moving(_) | NextDrawing::Full => DrawnQuality::Full,
+            NextDrawing::Lossless => DrawnQuality::Lossless,
+            NextDrawing::Wait | NextDrawing::WaitUntil(_) => self.drawn,
         };
-        if next != Next::Lossless {
+        if next != NextDrawing::Lossless {
             let new = ms / pixels.max(1) as f64;
             self.ms_per_pixel = Some(self.ms_per_pixel.map_or(new, |old| (1.0 - NEW_WEIGHT) * old + NEW_WEIGHT * new));
         }
@@ -114,25 +122,25 @@ impl Pace {
 
     /// Whether the client shows the view at rest, lossless.
     pub fn is_done(&self) -> bool {
-        self.keeps_up() && self.drawn == Drawn::Lossless
+        self.keeps_up() && self.drawn == DrawnQuality::Lossless
     }
 
     /// Returns what to draw now, for a picture of `pixels` at full size.
-    pub fn next(&self, now: Instant, pixels: usize) -> Next {
+    pub fn next(&self, now: Instant, pixels: usize) -> NextDrawing {
         if self.on_their_way.len() >= MAX_AHEAD {
-            return Next::Wait;
+            return NextDrawing::Wait;
         }
         let rests_at = self.changed + REST;
         let moves = self.moving && now < rests_at;
         match self.drawn {
-            Drawn::Nothing if self.moving => Next::Moving(self.part(pixels)),
-            Drawn::Nothing => Next::Full,
-            Drawn::Reduced | Drawn::Full if moves => Next::WaitUntil(rests_at),
-            Drawn::Reduced => Next::Full,
+            DrawnQuality::Nothing if self.moving => NextDrawing::Moving(self.part(pixels)),
+            DrawnQuality::Nothing => NextDrawing::Full,
+            DrawnQuality::Reduced | DrawnQuality::Full if moves => NextDrawing::WaitUntil(rests_at),
+            DrawnQuality::Reduced => NextDrawing::Full,
             // a client that is behind is not sent the largest kind of frame
-            Drawn::Full if !self.on_their_way.is_empty() => Next::Wait,
-            Drawn::Full => Next::Lossless,
-            Drawn::Lossless => Next::Wait,
+            DrawnQuality::Full if !self.on_their_way.is_empty() => NextDrawing::Wait,
+            DrawnQuality::Full => NextDrawing::Lossless,
+            DrawnQuality::Lossless => NextDrawing::Wait,
         }
     }
 
@@ -165,14 +173,14 @@ mod tests {
         for number in 0..1000 {
             pace.changes(start, true);
             let next = pace.next(start, PIXELS);
-            if next != Next::Wait {
+            if next != NextDrawing::Wait {
                 pace.sent(start, next, number, PIXELS, 10.0);
                 sent += 1;
             }
         }
-        assert_eq!((sent, pace.next(start, PIXELS)), (2, Next::Wait));
+        assert_eq!((sent, pace.next(start, PIXELS)), (2, NextDrawing::Wait));
         pace.acknowledges(start, 0);
-        assert!(matches!(pace.next(start, PIXELS), Next::Moving(_)), "one more");
+        assert!(matches!(pace.next(start, PIXELS), NextDrawing::Moving(_)), "one more");
     }
 
     #[test]
@@ -185,20 +193,20 @@ mod tests {
         pace.acknowledges(start, 0);
         pace.changes(start, true);
         let next = pace.next(start, PIXELS);
-        assert_eq!(next, Next::Moving(1.0 / 3.0));
+        assert_eq!(next, NextDrawing::Moving(1.0 / 3.0));
         pace.sent(start, next, 1, PIXELS / 9, 22.0);
         pace.acknowledges(start, 1);
-        assert_eq!(pace.next(start, PIXELS), Next::WaitUntil(start + REST));
+        assert_eq!(pace.next(start, PIXELS), NextDrawing::WaitUntil(start + REST));
         let later = start + REST;
-        assert_eq!(pace.next(later, PIXELS), Next::Full);
-        pace.sent(start, Next::Full, 2, PIXELS, 200.0);
-        assert_eq!(pace.next(later, PIXELS), Next::Wait, "until the full one has arrived");
+        assert_eq!(pace.next(later, PIXELS), NextDrawing::Full);
+        pace.sent(start, NextDrawing::Full, 2, PIXELS, 200.0);
+        assert_eq!(pace.next(later, PIXELS), NextDrawing::Wait, "until the full one has arrived");
         pace.acknowledges(start, 2);
-        assert_eq!(pace.next(later, PIXELS), Next::Lossless);
-        pace.sent(start, Next::Lossless, 3, PIXELS, 260.0);
+        assert_eq!(pace.next(later, PIXELS), NextDrawing::Lossless);
+        pace.sent(start, NextDrawing::Lossless, 3, PIXELS, 260.0);
         assert!(!pace.keeps_up() && !pace.is_done());
         pace.acknowledges(start, 3);
-        assert_eq!(pace.next(later, PIXELS), Next::Wait, "everything is shown");
+        assert_eq!(pace.next(later, PIXELS), NextDrawing::Wait, "everything is shown");
         assert!(pace.is_done());
     }
 
@@ -207,11 +215,11 @@ mod tests {
         let start = Instant::now();
         let mut pace = Pace::new(start);
         pace.changes(start, false);
-        assert_eq!(pace.next(start, PIXELS), Next::Full);
-        pace.sent(start, Next::Full, 0, PIXELS, 20.0);
+        assert_eq!(pace.next(start, PIXELS), NextDrawing::Full);
+        pace.sent(start, NextDrawing::Full, 0, PIXELS, 20.0);
         pace.acknowledges(start, 0);
         pace.changes(start, true);
-        assert_eq!(pace.next(start, PIXELS), Next::Moving(1.0));
+        assert_eq!(pace.next(start, PIXELS), NextDrawing::Moving(1.0));
     }
 
     /// Frames per second of a moving view, and the fraction of the sides that they settle at, over a connection with
@@ -223,13 +231,13 @@ mod tests {
         let mut acknowledgements = VecDeque::new();
         for number in 0..200 {
             pace.changes(at(now), true);
-            while pace.next(at(now), PIXELS) == Next::Wait {
+            while pace.next(at(now), PIXELS) == NextDrawing::Wait {
                 let (when, number) = acknowledgements.pop_front().unwrap();
                 now = now.max(when);
                 pace.acknowledges(at(now), number);
             }
             let next = pace.next(at(now), PIXELS);
-            let Next::Moving(of) = next else { panic!("{next:?}") };
+            let NextDrawing::Moving(of) = next else { panic!("{next:?}") };
             part = of;
             now += 10.0;
             free = free.max(now) + ms * part * part;

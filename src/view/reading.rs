@@ -1,6 +1,6 @@
 //! Reads a run from its folder, and a newer checkpoint beside the drawing thread, so that frames go on meanwhile.
 
-use super::training::{Stamp, stamp};
+use super::training::{FileStamp, stamp};
 use crate::edit::EditStack;
 use crate::run::segments::RunSegments;
 use crate::run::{OpenRun, RunError, affinity};
@@ -11,10 +11,10 @@ use std::path::Path;
 use std::thread::JoinHandle;
 
 /// Stamps of the files of segments, edits and affinity field.
-pub type Stamps = [Stamp; 3];
+pub type FileStamps = [FileStamp; 3];
 
 /// Returns the stamps of the files of `run`.
-pub fn stamps(run: &OpenRun) -> Stamps {
+pub fn stamps(run: &OpenRun) -> FileStamps {
     let paths = run.paths();
     [paths.segments(), paths.edits(), paths.affinity()].map(|path| stamp(&path))
 }
@@ -26,11 +26,11 @@ pub fn field(run: &OpenRun) -> Option<(AffinityField, AffinitySpec)> {
 
 /// A run with all that is shown of it.
 #[derive(Debug)]
-pub struct Read {
+pub struct OpenedRun {
     /// The run.
     pub run: OpenRun,
     /// The stamps of its files before they were read.
-    pub seen: Stamps,
+    pub seen: FileStamps,
     /// Its segments; none if those on disk belong to another state of its scene.
     pub segments: RunSegments,
     /// Why those on disk cannot be used, if so; nothing can be changed then.
@@ -41,7 +41,7 @@ pub struct Read {
     pub field: Option<(AffinityField, AffinitySpec)>,
 }
 
-impl Read {
+impl OpenedRun {
     /// Reads the run, or one of its checkpoints, at `path`, with its dataset in the folder `data` if that was moved.
     ///
     /// # Errors
@@ -56,23 +56,23 @@ impl Read {
 
     /// Returns a run without anything that its files hold.
     pub fn scene_alone(run: OpenRun) -> Self {
-        let (seen, segments, edits) = (Stamps::default(), RunSegments::none(&run), EditStack::default());
+        let (seen, segments, edits) = (FileStamps::default(), RunSegments::none(&run), EditStack::default());
         Self { run, seen, segments, fault: None, edits, field: None }
     }
 }
 
 /// The thread that reads a newer checkpoint, if there is one.
 #[derive(Debug, Default)]
-pub struct Newer(Option<JoinHandle<Result<Read, RunError>>>);
+pub struct NewerCheckpoint(Option<JoinHandle<Result<OpenedRun, RunError>>>);
 
-impl Newer {
+impl NewerCheckpoint {
     /// Begins to read `run` again.
     ///
     /// # Errors
     /// If the system gives no thread.
     pub fn begin(&mut self, run: &OpenRun) -> Result<(), RunError> {
         let (path, data, device) = (run.path.clone(), run.given_dataset().map(Path::to_owned), run.device());
-        let read = move || Read::new(&path, data.as_deref(), &device);
+        let read = move || OpenedRun::new(&path, data.as_deref(), &device);
         let thread = std::thread::Builder::new().name("checkpoint".into()).spawn(read);
         self.0 =
             Some(thread.map_err(|e| RunError::failure(format!("cannot start a thread to read the checkpoint: {e}")))?);
@@ -85,7 +85,7 @@ impl Newer {
     }
 
     /// Takes what was read; `None` while it is being read.
-    pub fn take(&mut self) -> Option<Result<Read, RunError>> {
+    pub fn take(&mut self) -> Option<Result<OpenedRun, RunError>> {
         let thread = self.0.take_if(|thread| thread.is_finished())?;
         Some(thread.join().unwrap_or_else(|_| Err(RunError::failure("the newer checkpoint cannot be read"))))
     }

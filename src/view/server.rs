@@ -1,7 +1,7 @@
 //! The network: one page and a websocket, for admitted clients only.
 
 use super::auth::{Guard, name_of};
-use super::hub::{ClientId, Event, Hub, Outgoing};
+use super::hub::{ClientEvent, ClientId, Hub, Outgoing};
 use super::page::{FILES, MODULES, filled};
 use super::protocol::{Answer, FrameInfo, LONGEST, Request};
 use crate::words::plain;
@@ -37,7 +37,7 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; c
                       base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 /// What all connections share.
 #[derive(Clone)]
-pub struct Shared {
+pub struct ServerState {
     guard: Arc<Guard>,
     hub: Arc<Hub>,
     next: Arc<AtomicU64>,
@@ -46,7 +46,7 @@ pub struct Shared {
     told: Arc<AtomicBool>,
 }
 
-impl Shared {
+impl ServerState {
     /// Makes what connections share on a server with these rules, whose requests go to `hub`.
     pub fn new(guard: Guard, hub: Arc<Hub>) -> Self {
         let (next, here, told) = (Arc::new(AtomicU64::new(1)), Arc::default(), Arc::default());
@@ -67,7 +67,7 @@ impl Shared {
 }
 
 /// Returns the routes.
-pub fn router(shared: Shared) -> Router {
+pub fn router(shared: ServerState) -> Router {
     let mut router = Router::new().route("/ws", get(socket)).route("/host", get(host));
     for file in FILES.into_iter().chain(MODULES) {
         let bytes = Bytes::from(filled(&file).into_owned());
@@ -83,7 +83,7 @@ fn text<'a>(headers: &'a HeaderMap, name: &HeaderName) -> Option<&'a str> {
 
 /// Admits requests that name this server and have the token as a cookie; a request with the token in the address gets
 /// the cookie, and an address without the token.
-async fn admit(State(shared): State<Shared>, request: HttpRequest, next: Next) -> Response<Body> {
+async fn admit(State(shared): State<ServerState>, request: HttpRequest, next: Next) -> Response<Body> {
     let (guard, headers) = (&shared.guard, request.headers());
     let token = request.uri().query().and_then(|q| q.strip_prefix("token="));
     let mut response = if !guard.allows_host(text(headers, &header::HOST)) {
@@ -150,7 +150,7 @@ async fn host(headers: HeaderMap) -> String {
 }
 
 async fn socket(
-    State(shared): State<Shared>,
+    State(shared): State<ServerState>,
     headers: HeaderMap,
     upgrade: Result<WebSocketUpgrade, WebSocketUpgradeRejection>,
 ) -> Response<Body> {
@@ -205,10 +205,10 @@ impl Drop for Here {
 }
 
 /// Passes messages on until the client leaves.
-async fn talk(mut socket: WebSocket, shared: &Shared) {
+async fn talk(mut socket: WebSocket, shared: &ServerState) {
     let id: ClientId = shared.next.fetch_add(1, Ordering::SeqCst);
     let (out, mut answers) = mpsc::channel(QUEUE);
-    shared.hub.push(id, Event::Connected(out.clone()));
+    shared.hub.push(id, ClientEvent::Connected(out.clone()));
     let mut ended = false;
     let (mut beat, mut heard) = (interval(BEAT), Instant::now());
     loop {
@@ -239,7 +239,7 @@ async fn talk(mut socket: WebSocket, shared: &Shared) {
             break;
         }
     }
-    shared.hub.push(id, Event::Disconnected);
+    shared.hub.push(id, ClientEvent::Disconnected);
     if ended {
         close(socket).await;
     }
@@ -257,13 +257,13 @@ async fn close(mut socket: WebSocket) {
     drop(timeout(Duration::from_secs(1), closing).await);
 }
 
-async fn hear(shared: &Shared, id: ClientId, text: &str, out: &mpsc::Sender<Outgoing>) -> bool {
+async fn hear(shared: &ServerState, id: ClientId, text: &str, out: &mpsc::Sender<Outgoing>) -> bool {
     match serde_json::from_str::<Request>(text) {
         Ok(request) => {
             while shared.hub.is_full() {
                 tokio::time::sleep(Duration::from_millis(5)).await;
             }
-            shared.hub.push(id, Event::Message(Box::new(request)));
+            shared.hub.push(id, ClientEvent::Message(Box::new(request)));
         }
         Err(error) => {
             let message = format!("invalid request: {}", plain(&error.to_string()));

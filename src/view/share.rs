@@ -7,14 +7,14 @@ const PART: f64 = 0.06;
 
 /// The share of one viewer.
 #[derive(Debug)]
-pub struct Share {
+pub struct ThreadShare {
     /// Its one thread; pictures are the same on any number of threads.
     pool: rayon::ThreadPool,
     /// Fraction of that thread's time.
     part: f64,
 }
 
-impl Share {
+impl ThreadShare {
     /// Makes the share of a machine with as many cores as the program computes on.
     ///
     /// # Errors
@@ -51,7 +51,7 @@ mod tests {
 
     #[test]
     fn work_is_done_on_one_thread_which_then_rests() {
-        let share = Share::new().unwrap();
+        let share = ThreadShare::new().unwrap();
         assert_eq!(share.work(rayon::current_num_threads), 1);
         let busy = Duration::from_millis(60);
         assert!((share.rest(busy).as_secs_f64() - 0.06 / part(rayon::current_num_threads())).abs() < 1e-6);

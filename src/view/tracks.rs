@@ -4,10 +4,10 @@
 use super::background::guarded;
 use super::hub::{ClientId, Hub};
 use crate::name::Name;
-use crate::run::follow::{Times, measure};
+use crate::run::follow::{TrackedTimes, measure};
 use crate::run::{OpenRun, RunError};
 use crate::track::events::EventKind;
-use crate::track::follow::Followup;
+use crate::track::follow::TrackedSegment;
 use schemars::JsonSchema;
 use serde::Serialize;
 use std::ops::RangeInclusive;
@@ -54,7 +54,7 @@ pub struct TrackEvent {
 }
 
 impl Track {
-    fn new(id: u32, segments: Vec<String>, found: &Followup) -> Self {
+    fn new(id: u32, segments: Vec<String>, found: &TrackedSegment) -> Self {
         let rows = &found.statistics;
         let events = found.tracking.events.iter().filter(|e| e.kind != EventKind::Continue);
         let speed = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -204,7 +204,7 @@ fn replaced() -> String {
 fn follow(request: TrackRequest, stop: &AtomicBool) -> Result<Option<Track>, RunError> {
     let TrackRequest { id, segments, times, run, .. } = request;
     let group = (segments.len() > 1).then(|| Name::new(TOGETHER)).transpose().map_err(RunError::failure)?;
-    let times = Times::Even { from: 0.0, to: 1.0, frames: times };
+    let times = TrackedTimes::Even { from: 0.0, to: 1.0, frames: times };
     let asked = format!("{} times", times.count());
     let found = measure(&run, &segments, group.as_ref(), (&times, &asked), || !stop.load(Ordering::Acquire))?;
     Ok(found.and_then(|found| found.first().map(|f| Track::new(id, segments, f))))
@@ -213,11 +213,11 @@ fn follow(request: TrackRequest, stop: &AtomicBool) -> Result<Option<Track>, Run
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::track::events::{Event, Tracking};
+    use crate::track::events::{SegmentEvent, Tracking};
 
     #[test]
     fn continuing_parts_are_not_events() {
-        let event = |kind, parents: &[u32], children: &[u32]| Event {
+        let event = |kind, parents: &[u32], children: &[u32]| SegmentEvent {
             time_from: 0.5,
             time_to: 0.6,
             kind,
@@ -229,7 +229,7 @@ mod tests {
         };
         let events = vec![event(EventKind::Continue, &[1], &[1]), event(EventKind::Split, &[1], &[2, 3])];
         let tracking = Tracking { events, points: Vec::new() };
-        let found = Followup { name: "a".into(), statistics: Vec::new(), tracking };
+        let found = TrackedSegment { name: "a".into(), statistics: Vec::new(), tracking };
         let track = Track::new(7, vec!["a".into()], &found);
         assert_eq!(track.events, [TrackEvent { kind: EventKind::Split, from: 0.5, to: 0.6, parts: [1, 2] }]);
         assert!(serde_json::to_string(&track).unwrap().contains(r#""kind":"split""#));

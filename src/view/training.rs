@@ -18,7 +18,7 @@ const PAUSE: Duration = Duration::from_secs(1);
 
 /// The training of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
-pub struct Training {
+pub struct TrainingStatus {
     /// `running`, `interrupted`, `complete` or `broken off`, see [`status`].
     pub status: String,
     /// Steps taken so far.
@@ -37,31 +37,31 @@ pub struct Training {
 }
 
 /// When a file was written, and how long it is.
-pub type Stamp = Option<(SystemTime, u64)>;
+pub type FileStamp = Option<(SystemTime, u64)>;
 
 /// Returns the stamp of a file; `None` if it is missing.
-pub fn stamp(path: &Path) -> Stamp {
+pub fn stamp(path: &Path) -> FileStamp {
     let found = std::fs::metadata(path).ok()?;
     Some((found.modified().ok()?, found.len()))
 }
 
 /// Watches the log of a run.
 #[derive(Debug, Default)]
-pub struct Watch {
-    seen: Option<[Stamp; 2]>,
+pub struct LogWatch {
+    seen: Option<[FileStamp; 2]>,
     checked: Option<Instant>,
-    now: Option<Training>,
+    now: Option<TrainingStatus>,
 }
 
-impl Watch {
+impl LogWatch {
     /// Returns what is known of the training.
-    pub fn now(&self) -> Option<&Training> {
+    pub fn now(&self) -> Option<&TrainingStatus> {
         self.now.as_ref()
     }
 
     /// Checks the log, at once if that is `urgent`; returns what is known now, if that has changed. `live` is the
     /// progress of a training in this process.
-    pub fn check(&mut self, run: &OpenRun, live: Option<Progress>, urgent: bool) -> Option<&Training> {
+    pub fn check(&mut self, run: &OpenRun, live: Option<Progress>, urgent: bool) -> Option<&TrainingStatus> {
         if !urgent && self.checked.is_some_and(|when| when.elapsed() < PAUSE) {
             return None;
         }
@@ -88,13 +88,13 @@ impl Watch {
 }
 
 /// Reads the training of a run; what cannot be read is omitted.
-fn read(run: &OpenRun) -> Training {
+fn read(run: &OpenRun) -> TrainingStatus {
     let curves = curves::read(&run.path);
     let text = read_text(&RunPaths(&run.path).record()).ok();
     let record = text.and_then(|text| versioned::from_json::<RunRecord>(text).ok());
     let record = record.as_ref().unwrap_or(&run.record);
     let stages = &run.config.stages;
-    Training {
+    TrainingStatus {
         status: record.status.clone(),
         steps: curves.loss.last().map_or(record.steps, |(step, _)| *step as usize),
         all: stages.warmup_steps + stages.joint_steps,

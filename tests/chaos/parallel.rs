@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 use volseggs::edit::{EditStack, Operation};
 use volseggs::files::RunPaths;
-use volseggs::files::{RunLock, Work};
+use volseggs::files::{LockDuration, RunLock};
 use volseggs::rng::{Purpose, Rng};
 use volseggs::segment::segmentation::Segmentation;
 
@@ -90,7 +90,7 @@ pub fn writers() {
 pub fn writers_that_waited() {
     let world = world();
     let folder = world.fresh("waited");
-    let held = RunLock::acquire(&folder.join("run"), "volseggs edit", Work::Short).unwrap();
+    let held = RunLock::acquire(&folder.join("run"), "volseggs edit", LockDuration::Short).unwrap();
     let running: Vec<Running> = (0..WRITERS).map(|i| start(&folder, &writer(world, i))).collect();
     std::thread::sleep(LONG_WAIT);
     drop(held);

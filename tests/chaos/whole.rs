@@ -13,7 +13,7 @@ use volseggs::prepare::PrepareRecord;
 use volseggs::segment::fine::file as affinity;
 use volseggs::segment::masks::MaskReader;
 use volseggs::segment::segmentation::Segmentation;
-use volseggs::train::checkpoint::State;
+use volseggs::train::checkpoint::CheckpointState;
 use volseggs::train::run::RunRecord;
 use volseggs::versioned;
 use volseggs::volume::formats;
@@ -50,7 +50,7 @@ pub fn whole(path: &Path) -> Outcome {
         (_, "safetensors") => volseggs::tensors::read(path).map(drop).map_err(text),
         ("edits.json", _) => EditStack::load(path).map(drop).map_err(text),
         ("run.json", _) => versioned::from_json::<RunRecord>(&bytes).map(drop).map_err(text),
-        ("state.json", _) => versioned::from_json::<State>(&bytes).map(drop).map_err(text),
+        ("state.json", _) => versioned::from_json::<CheckpointState>(&bytes).map(drop).map_err(text),
         ("prepare.json", _) => versioned::from_json::<PrepareRecord>(&bytes).map(drop).map_err(text),
         (name, "json") if name.starts_with("transforms_") => Transforms::read(path).map(drop).map_err(text),
         (_, "json") => serde_json::from_slice::<serde_json::Value>(&bytes).map(drop).map_err(text),

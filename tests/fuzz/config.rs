@@ -4,7 +4,7 @@ use crate::driver::{Target, accepted, fuzz};
 use std::path::Path;
 use volseggs::config::layers::Layers;
 use volseggs::config::types::Config;
-use volseggs::sweep::slurm::Profile;
+use volseggs::sweep::slurm::SlurmProfile;
 use volseggs::train::{check_config, evaluation_background};
 
 const KEYS: &[&str] = &[
@@ -91,8 +91,9 @@ fn sets() {
 #[test]
 fn slurm_profile() {
     fuzz("slurm-profile", |_| {
-        let read =
-            |bytes: &[u8]| accepted(Profile::parse(Path::new("p.toml"), &String::from_utf8_lossy(bytes))).is_some();
+        let read = |bytes: &[u8]| {
+            accepted(SlurmProfile::parse(Path::new("p.toml"), &String::from_utf8_lossy(bytes))).is_some()
+        };
         let seeds = [
             "partition='gpu'\naccount='a'\nqos='q'\ntime='1-00:00:00'\nmemory='8G'\ncpus=8\ngpus='a100:2'\nconstraint='[a|b]'\n\
              modules=['cuda/12']\nsetup=['source env.sh']\nparallel=50\ngrace=60\ncommand='volseggs'\nextra=['--exclusive']\n",

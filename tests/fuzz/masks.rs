@@ -5,11 +5,11 @@ use crate::driver::{Target, accepted, fuzz};
 use image::Luma;
 use std::path::Path;
 use volseggs::model::ToKernel;
-use volseggs::segment::masks::handout::{self, Handout};
-use volseggs::segment::masks::source::dir::Foreign;
+use volseggs::segment::masks::handout::{self, PictureList};
+use volseggs::segment::masks::source::dir::ForeignMasks;
 use volseggs::segment::masks::source::{MaskInput, MaskSource};
-use volseggs::segment::masks::{Annotation, Header, Mask, MaskReader, MaskWriter, View, rle};
-use volseggs::segment::pictures::Picture;
+use volseggs::segment::masks::{Annotation, Mask, MaskFileHeader, MaskReader, MaskView, MaskWriter, rle};
+use volseggs::segment::pictures::GaussianPicture;
 
 /// Masks with more pixels are not expanded into rows: checking their size is left to the program.
 const PIXELS: u64 = 1 << 16;
@@ -46,9 +46,9 @@ fn jsonl() {
     fuzz("masks-jsonl", |scratch| {
         let path = scratch.path("masks.jsonl");
         let pose = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 4.0, 0.0, 0.0, 0.0, 1.0];
-        let view = |i: u32| View { file: format!("view-{i:03}"), camera_to_world: pose, fov_x: 0.5 };
+        let view = |i: u32| MaskView { file: format!("view-{i:03}"), camera_to_world: pose, fov_x: 0.5 };
         let header =
-            Header::new(4, 2, 0.5, vec![view(0), view(1)], vec!["red".into(), "blue".into()], "regions".into());
+            MaskFileHeader::new(4, 2, 0.5, vec![view(0), view(1)], vec!["red".into(), "blue".into()], "regions".into());
         let mut writer = MaskWriter::create(&path, header).unwrap();
         for image_id in 0..2 {
             let mask = square();
@@ -91,14 +91,14 @@ fn jsonl() {
     });
 }
 
-fn picture() -> Picture {
-    Picture { width: 4, height: 2, rgba: vec![0.0; 32], depth: vec![0.0; 8] }
+fn picture() -> GaussianPicture {
+    GaussianPicture { width: 4, height: 2, rgba: vec![0.0; 32], depth: vec![0.0; 8] }
 }
 
 /// Opens masks of other programs for two views of two groups, and requests all of them; returns their number.
 fn foreign(path: &Path) -> Option<usize> {
     let (groups, views) = (["a", "b"].map(str::to_owned), ["view-000.png", "view-001.png"].map(str::to_owned));
-    let source = accepted(Foreign::open(path, &groups, &[], &views, [4, 2]))?;
+    let source = accepted(ForeignMasks::open(path, &groups, &[], &views, [4, 2]))?;
     let mut count = 0;
     let picture = picture();
     for (group, view) in [(0, 0), (0, 1), (1, 0), (1, 1), (2, 0), (0, 2)] {
@@ -170,16 +170,16 @@ fn pictures() {
             4.0,
             volseggs::data::paths::Lens { fov_x: 0.5, width: 8, height: 8 },
         );
-        let list = Handout {
+        let list = PictureList {
             scene: "0123456789abcdef".into(),
             time: 0.5,
             groups: vec![handout::HandoutGroup { name: "red".into(), gaussians: 7, members: String::new() }],
-            views: volseggs::segment::masks::make::Shot::numbered(cameras),
+            views: volseggs::segment::masks::make::MaskShot::numbered(cameras),
         };
         let (path, scratch) = (scratch.path(handout::FILE), scratch.clone());
         let read = move |bytes: &[u8]| {
             scratch.overwrite(&path, bytes);
-            let Some(list) = accepted(Handout::read(scratch.root())) else { return false };
+            let Some(list) = accepted(PictureList::read(scratch.root())) else { return false };
             for view in &list.views {
                 let _ =
                     (view.camera.fov_x(), view.camera.to_kernel(), view.camera.downscaled(0), view.camera.forward());

@@ -8,7 +8,7 @@ use volseggs::config::types::Config;
 use volseggs::data::Transforms;
 use volseggs::edit::EditStack;
 use volseggs::segment::masks::MaskReader;
-use volseggs::segment::masks::source::dir::Foreign;
+use volseggs::segment::masks::source::dir::ForeignMasks;
 use volseggs::sweep::file::SweepFile;
 use volseggs::volume::formats;
 use volseggs::volume::transfer::TransferFunction;
@@ -32,7 +32,7 @@ fn read(kind: &str, path: &Path) {
         "transforms" => drop(Transforms::read(path).map_err(|e| e.to_string())),
         "edits" => drop(EditStack::load(path).map_err(|e| e.to_string())),
         "masks" => drop(MaskReader::open(path).map_err(|e| e.to_string())),
-        "coco" => drop(Foreign::open(path, &["a".into()], &[], &["b".into()], [4, 2]).map_err(|e| e.to_string())),
+        "coco" => drop(ForeignMasks::open(path, &["a".into()], &[], &["b".into()], [4, 2]).map_err(|e| e.to_string())),
         other => panic!("no reader {other}"),
     }
 }

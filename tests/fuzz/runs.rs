@@ -3,14 +3,14 @@
 use crate::driver::{Scratch, Target, accepted, fuzz};
 use volseggs::compare::{curves, runs::from_folders};
 use volseggs::config::types::Config;
-use volseggs::draw::plot::{Series, line_plot, line_plot_log_y};
+use volseggs::draw::plot::{PlotSeries, line_plot, line_plot_log_y};
 use volseggs::edit::EditStack;
 use volseggs::export::ply;
 use volseggs::export::splat_file::SplatFileOptions;
 use volseggs::log::jsonl::{JsonlWriter, truncate_after};
 use volseggs::model::HostGaussians;
 use volseggs::sweep::result::live_psnr;
-use volseggs::train::checkpoint::{self, State};
+use volseggs::train::checkpoint::{self, CheckpointState};
 use volseggs::train::resume;
 use volseggs::versioned;
 
@@ -28,7 +28,7 @@ const SUMMARY: &str = r#"{"format": 1, "split": "test", "dataset": "data", "fing
 fn state() {
     fuzz("state", |scratch| {
         let config = toml::to_string(&Config::default()).unwrap();
-        let state = State {
+        let state = CheckpointState {
             step: 10,
             initial: 300,
             dataset: "0123456789abcdef".into(),
@@ -42,7 +42,7 @@ fn state() {
         let read = move |bytes: &[u8]| {
             scratch.overwrite(&path, bytes);
             let _ = (checkpoint::locate(&folder), checkpoint::advice(&folder));
-            let Some(state) = accepted(versioned::from_json::<State>(bytes)) else { return false };
+            let Some(state) = accepted(versioned::from_json::<CheckpointState>(bytes)) else { return false };
             if let Some((allowed, refused)) = accepted(resume::changes(&state.config, &config, state.step)) {
                 let _ = allowed.iter().chain(&refused).map(ToString::to_string).collect::<String>();
             }
@@ -103,7 +103,7 @@ fn metrics() {
             let _ = live_psnr(scratch.root(), 20);
             for curve in [&found.test, &found.train, &found.test_by_seconds] {
                 let points = curves::smooth(curve);
-                let series = [Series { name: "a".into(), points }];
+                let series = [PlotSeries { name: "a".into(), points }];
                 let drawn = line_plot("t", "x", "y", &series).len() + line_plot_log_y("t", "x", "y", &series).len();
                 assert!(drawn < 1 << 20);
             }

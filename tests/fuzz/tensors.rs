@@ -25,9 +25,9 @@ use volseggs::model::scene_file::{read_tensors, write_tensors};
 use volseggs::model::{Scene, SceneSpec};
 use volseggs::segment::fine::AffinityField;
 use volseggs::segment::fine::file as affinity;
-use volseggs::segment::fine::network::Frame;
+use volseggs::segment::fine::network::PositionBox;
 use volseggs::segment::masks::sam::{Sam, SamConfig};
-use volseggs::segment::segmentation::{Origin, Segment, Segmentation};
+use volseggs::segment::segmentation::{Segment, SegmentOrigin, Segmentation};
 use volseggs::tensors;
 use volseggs::train::culling::Culling;
 use volseggs::train::optimizer::{AdamConstants, Optimizer};
@@ -341,7 +341,7 @@ fn affinity_field() {
     fuzz("affinity", |scratch| {
         let device = device();
         let seed = saved(scratch, |path| {
-            let frame = Frame { centre: [0.0; 3], side: 1.0 };
+            let frame = PositionBox { centre: [0.0; 3], side: 1.0 };
             let spec =
                 affinity::AffinitySpec { frame, time: 0.5, scene: "0123456789abcdef".into(), spreads: vec![0.1, 0.2] };
             affinity::save(path, &AffinityField::new(1, &device), &spec).unwrap();
@@ -361,9 +361,9 @@ fn segments() {
         let seed = saved(scratch, |path| {
             let mut all = Segmentation::new(5, "0123456789abcdef".into());
             for (name, parent, origin, members) in [
-                ("red", None, Origin::Coarse, vec![0, 1, 2]),
-                ("red.1", Some("red"), Origin::Fine { scale: 0.5 }, vec![0, 2]),
-                ("dot", Some("red"), Origin::Pick { scale: 0.1, threshold: 0.9 }, vec![]),
+                ("red", None, SegmentOrigin::Coarse, vec![0, 1, 2]),
+                ("red.1", Some("red"), SegmentOrigin::Fine { scale: 0.5 }, vec![0, 2]),
+                ("dot", Some("red"), SegmentOrigin::Pick { scale: 0.1, threshold: 0.9 }, vec![]),
             ] {
                 let parent = parent.map(|p| p.parse().unwrap());
                 let name = name.parse().unwrap();

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use volseggs::cli::Cli;
 use volseggs::config::layers::Layers;
 use volseggs::config::types::Config;
-use volseggs::sweep::slurm::Profile;
+use volseggs::sweep::slurm::SlurmProfile;
 use volseggs::sweep::{Plan, PlanOptions};
 use volseggs::volume::transfer::TransferFunction;
 
@@ -147,7 +147,7 @@ fn open_files(matches: &ArgMatches, out: &Path) -> Result<(), String> {
         TransferFunction::load(name).map_err(|e| e.to_string())?;
     }
     for file in values(inner, "profile").iter().filter(|file| !is_placeholder(file)) {
-        Profile::read(Path::new(file)).map_err(|e| e.to_string())?;
+        SlurmProfile::read(Path::new(file)).map_err(|e| e.to_string())?;
     }
     if let (["sweep"], [file]) = (&names[..], &values(inner, "file")[..])
         && !is_placeholder(file)

@@ -156,7 +156,8 @@ fn a_limit_of_processes_or_memory_is_named() {
 #[test]
 fn somebody_else_s_run_says_what_can_be_done() {
     // the system lets nobody create a file there
-    let error = volseggs::files::RunLock::acquire(Path::new("/sys"), "test", volseggs::files::Work::Short).unwrap_err();
+    let error =
+        volseggs::files::RunLock::acquire(Path::new("/sys"), "test", volseggs::files::LockDuration::Short).unwrap_err();
     let message = error.to_string();
     assert!(message.starts_with("/sys: this folder cannot be written to (") && message.contains("a copy"), "{message}");
 }

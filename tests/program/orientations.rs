@@ -9,11 +9,13 @@ use std::process::Command;
 use std::sync::atomic::AtomicBool;
 use volseggs::device::DeviceName;
 use volseggs::export::labels::{write_nrrd, write_vti};
-use volseggs::prepare::views::{Times, ViewOptions};
-use volseggs::prepare::{FileLabels, PrepareOptions, PrepareRecord, SegmentOptions, SegmentSteps, Source, prepare};
+use volseggs::prepare::views::{TrainingTimes, ViewOptions};
+use volseggs::prepare::{
+    FileLabels, PrepareOptions, PrepareRecord, PrepareSource, SegmentOptions, SegmentSteps, prepare,
+};
 use volseggs::run::OpenRun;
 use volseggs::run::export::write_labels;
-use volseggs::run::labels::{LabelPlan, Labels};
+use volseggs::run::labels::{LabelPlan, RunLabels};
 use volseggs::volume::directions::Directions;
 use volseggs::volume::grid::Grid;
 use volseggs::volume::placement::published_side;
@@ -158,7 +160,7 @@ fn options() -> PrepareOptions {
     PrepareOptions {
         views: ViewOptions {
             size: [32; 2],
-            times: Times::Count(1),
+            times: TrainingTimes::Count(1),
             views_per_time: 24,
             test_views: 3,
             ..ViewOptions::default()
@@ -176,7 +178,7 @@ fn series(path: &Path) -> Series {
 }
 
 fn make(volume: &Path, transfer: &TransferFunction, out: &Path) -> PrepareRecord {
-    let source = Source::Files { series: Box::new(series(volume)), labels: FileLabels::None };
+    let source = PrepareSource::Files { series: Box::new(series(volume)), labels: FileLabels::None };
     prepare(&source, transfer, &options(), out, &|_| {}, &AtomicBool::new(false)).unwrap()
 }
 
@@ -240,7 +242,7 @@ fn labels_are_index_for_index_on_volumes_in_every_orientation() {
             // as if it had been trained on this one
             let mut run = run.share();
             run.record.dataset.clone_from(&data);
-            let labels = Labels::new(&run, &LabelPlan::default()).unwrap();
+            let labels = RunLabels::new(&run, &LabelPlan::default()).unwrap();
             let ids = labels.labels_at(0.0).unwrap().ids;
             let written = root.join(format!("{}-{extension}.{labels_extension}", stored.name));
             let format = if extension == "vti" { write_vti } else { write_nrrd };

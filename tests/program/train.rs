@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use volseggs::device::DeviceName;
 use volseggs::model::Scene;
 use volseggs::model::scene_file::read_tensors;
-use volseggs::train::checkpoint::{self, State};
+use volseggs::train::checkpoint::{self, CheckpointState};
 
 #[test]
 fn a_run_leaves_a_complete_folder() {
@@ -158,7 +158,7 @@ fn check_checkpoints(run: &Path) -> usize {
     let device = DeviceName::Flex.open().unwrap();
     assert_eq!(listed.len(), named.len(), "{named:?}");
     for (step, path) in &listed {
-        let state: State = serde_json::from_value(json(&path.join("state.json"))).unwrap();
+        let state: CheckpointState = serde_json::from_value(json(&path.join("state.json"))).unwrap();
         assert_eq!(state.step, *step);
         let scene = Scene::load(&path.join("scene.safetensors"), &device).unwrap();
         let (tensors, _) = read_tensors(&path.join("optimizer.safetensors")).unwrap();

@@ -1,7 +1,7 @@
 //! Memory: how much the process has used, and how much it may still allocate.
 //!
-//! Sizes given by the user (pixels, frames, Gaussians, voxels) are checked against a [`Budget`] before anything is
-//! allocated, because Rust aborts when an allocation fails.
+//! Sizes given by the user (pixels, frames, Gaussians, voxels) are checked against a [`MemoryBudget`] before anything
+//! is allocated, because Rust aborts when an allocation fails.
 
 use std::fmt;
 use std::path::Path;
@@ -51,7 +51,7 @@ const ASSUMED: u64 = 8_000_000_000;
 
 /// Bytes of memory that may still be allocated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Budget(u64);
+pub struct MemoryBudget(u64);
 
 /// A size that does not fit into memory.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -65,7 +65,7 @@ pub struct TooLarge {
     pub free: u64,
 }
 
-impl Budget {
+impl MemoryBudget {
     /// The memory free now: what `--memory` allows, or else the minimum left by the system, the container and the
     /// process limit (`ulimit -v`).
     pub fn now() -> Self {
@@ -236,11 +236,11 @@ mod tests {
 
     #[test]
     fn a_request_beyond_the_budget_is_refused_by_name() {
-        let budget = Budget::from_bytes(1_000_000_000);
+        let budget = MemoryBudget::from_bytes(1_000_000_000);
         assert_eq!(budget.check("--size 10", 400), Ok(()));
         let side = usize::MAX;
         let error = budget.check("--size 10", product(&[side, side, side])).unwrap_err().to_string();
         assert!(error.starts_with("--size 10: needs about ") && error.contains("1.0 GB are free"), "{error}");
-        assert!(Budget::now().0 > 0);
+        assert!(MemoryBudget::now().0 > 0);
     }
 }

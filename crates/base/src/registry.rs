@@ -25,18 +25,18 @@ fn available(known: &[String]) -> String {
 }
 
 /// Built-in entries by name, one line each.
-pub type Table<T> = &'static [(&'static str, &'static T)];
+pub type EntryTable<T> = &'static [(&'static str, &'static T)];
 
 /// A table of entries by name. Other threads see an entry as soon as it is inserted.
 pub struct Registry<T: ?Sized + 'static> {
     what: &'static str,
-    built_in: Table<T>,
+    built_in: EntryTable<T>,
     added: RwLock<BTreeMap<String, &'static T>>,
 }
 
 impl<T: ?Sized + 'static> Registry<T> {
     /// Creates a table of `built_in` entries; `what` they are is for error messages.
-    pub const fn new(what: &'static str, built_in: Table<T>) -> Self {
+    pub const fn new(what: &'static str, built_in: EntryTable<T>) -> Self {
         Self { what, built_in, added: RwLock::new(BTreeMap::new()) }
     }
 

@@ -1,10 +1,10 @@
 //! D3DGS, see [`volseggs_core::model::d3dgs`]: VolSegGS's Gaussians and training, with the network of D3DGS instead of the
 //! field. Its Gaussians persist over time, so everything that works with VolSegGS works with them.
 
-use super::{GaussianWork, Method, Model, Training, Work, ignored};
+use super::{GaussianWork, Method, MethodWork, Model, Training, ignored};
 use burn::tensor::Device;
 use std::path::Path;
-use volseggs_core::config::sections::Section;
+use volseggs_core::config::sections::ConfigSection;
 use volseggs_core::config::types::{Config, D3dgsConfig};
 use volseggs_core::model::{Scene, SceneError, d3dgs};
 use volseggs_core::train::{TrainError, Trainer};
@@ -18,8 +18,8 @@ pub struct D3dgs;
 pub(super) const NAME: &str = "d3dgs";
 
 impl Method for D3dgs {
-    fn section(&self) -> Option<Section> {
-        Some(Section::new::<D3dgsConfig>())
+    fn section(&self) -> Option<ConfigSection> {
+        Some(ConfigSection::new::<D3dgsConfig>())
     }
 
     fn presets(&self) -> &'static [(&'static str, &'static str)] {
@@ -68,10 +68,10 @@ impl Method for D3dgs {
         super::VolSegGs.steps(config)
     }
 
-    fn work(&self, config: &Config) -> Option<Work> {
+    fn work(&self, config: &Config) -> Option<MethodWork> {
         let network = config.section::<D3dgsConfig>().ok()?;
         let (products, kept) = (d3dgs::parameters(&network) as f64, d3dgs::kept_values(&network) as f64);
-        Some(Work::Gaussians(GaussianWork { field: 1.0, products, kept, in_warmup: false }))
+        Some(MethodWork::Gaussians(GaussianWork { field: 1.0, products, kept, in_warmup: false }))
     }
 
     fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {

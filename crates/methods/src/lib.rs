@@ -57,15 +57,15 @@ pub use d3dgs::D3dgs;
 pub use fourdgs::FourDgs;
 pub use volseggs::VolSegGs;
 pub use volseggs_core::model::{Counts, Model};
-pub use volseggs_core::train::{Saved, Training};
-pub use work::{GaussianWork, Work};
+pub use volseggs_core::train::{SavedTraining, Training};
+pub use work::{GaussianWork, MethodWork};
 
 use burn::tensor::Device;
 use std::path::Path;
 use volseggs_base::registry::Registry;
 use volseggs_core::config::PRESETS;
 use volseggs_core::config::layers::{ConfigError, Layers};
-use volseggs_core::config::sections::Section;
+use volseggs_core::config::sections::ConfigSection;
 use volseggs_core::config::types::{Config, VOLSEGGS};
 use volseggs_core::model::SceneError;
 use volseggs_core::train::run::{RunContext, RunOutcome};
@@ -82,7 +82,7 @@ pub trait Method: Send + Sync {
     }
 
     /// Its own section of the configuration, if it has one. It is refused for every other method.
-    fn section(&self) -> Option<Section> {
+    fn section(&self) -> Option<ConfigSection> {
         None
     }
 
@@ -110,12 +110,12 @@ pub trait Method: Send + Sync {
     fn steps(&self, config: &Config) -> usize;
 
     /// The cost, for the estimate of a sweep; `None` if it is that of the Gaussians and the field of the shared sections.
-    fn work(&self, _: &Config) -> Option<Work> {
+    fn work(&self, _: &Config) -> Option<MethodWork> {
         None
     }
 
     /// Starts a training on `device` (without gradients; add `.autodiff()`), after [`Method::check`]. Implementations
-    /// must check sizes against [`volseggs_base::memory::Budget`] before allocating anything large.
+    /// must check sizes against [`volseggs_base::memory::MemoryBudget`] before allocating anything large.
     ///
     /// # Errors
     /// If training cannot start with the data.
@@ -176,7 +176,7 @@ pub fn layers() -> Layers<'static> {
 
 /// Makes configurations accept the sections of all methods.
 pub fn add_sections() {
-    METHODS.all().into_iter().filter_map(|(_, method)| method.section()).for_each(Section::add);
+    METHODS.all().into_iter().filter_map(|(_, method)| method.section()).for_each(ConfigSection::add);
 }
 
 /// The method that a configuration names.
@@ -209,7 +209,7 @@ fn check_sections(config: &Config) -> Result<(), String> {
             config.method
         ));
     }
-    let own = find(&config.method)?.section().map(Section::name);
+    let own = find(&config.method)?.section().map(ConfigSection::name);
     let Some(other) = config.sections.names().find(|name| own != Some(*name)) else { return Ok(()) };
     let owner = METHODS.all().into_iter().find(|(_, method)| method.section().is_some_and(|s| s.name() == other));
     Err(match owner {

@@ -1,7 +1,7 @@
 //! Methods that consist of one network, without Gaussians: training, files, resuming and guards follow from a few
 //! functions.
 
-use super::{Counts, Method, Model, Saved, Training, file};
+use super::{Counts, Method, Model, SavedTraining, Training, file};
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use glam::DVec3;
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::path::Path;
-use volseggs_base::memory::Budget;
+use volseggs_base::memory::MemoryBudget;
 use volseggs_core::config::types::Config;
 use volseggs_core::model::SceneError;
 use volseggs_core::model::params::{self, HostTensor};
@@ -18,7 +18,7 @@ use volseggs_core::train::checkpoint::CheckpointError;
 use volseggs_core::train::optimizer::{AdamConstants, Optimizer};
 use volseggs_core::train::watch::LossWatch;
 use volseggs_core::train::{InPlace, StepReport, StepTimes, TrainError, evaluation_background, timed};
-use volseggs_kernels::Camera;
+use volseggs_kernels::PinholeCamera;
 use volseggs_volume::data::{Dataset, Split};
 
 /// Entry of the file's header.
@@ -65,7 +65,7 @@ pub trait Network: Method + Clone + Debug + 'static {
     }
 
     /// The image of a camera at a time in [0, 1], as in [`Model::image`]; `network` has no gradients.
-    fn image(&self, network: &Self::Module, spec: &Self::Spec, camera: Camera, time: f32) -> Tensor<3>;
+    fn image(&self, network: &Self::Module, spec: &Self::Spec, camera: PinholeCamera, time: f32) -> Tensor<3>;
 }
 
 /// The inputs of the loss of a step.
@@ -97,7 +97,7 @@ struct Drawer<N: Network> {
 
 /// The header of its file.
 #[derive(Serialize, Deserialize)]
-struct Header<S> {
+struct NetworkHeader<S> {
     background: [f32; 3],
     spec: S,
 }
@@ -117,12 +117,12 @@ pub fn start<N: Network>(
     let spec = method.spec(config, dataset);
     let bytes = method.parameters(&spec).map_err(TrainError::Config)?.saturating_mul(BYTES);
     let what = format!("the network of the method {}", config.method);
-    Budget::now().check(what, bytes).map_err(|e| TrainError::Config(e.to_string()))?;
+    MemoryBudget::now().check(what, bytes).map_err(|e| TrainError::Config(e.to_string()))?;
     let module = InPlace::new(method.network(&spec, config.seed, &device));
     let (total, optimizer) = (method.steps(config), Optimizer::new(method.adam(config)));
     let watch = LossWatch::new(&device, config.output.checkpoint_every, total);
     let drawer = Drawer { method, module, spec, background, device };
-    Ok(Box::new(Fit { drawer, optimizer, watch, config: config.clone(), total, step: 0 }))
+    Ok(Box::new(NetworkTraining { drawer, optimizer, watch, config: config.clone(), total, step: 0 }))
 }
 
 /// [`Method::open`] of a network.
@@ -135,8 +135,8 @@ pub fn open<N: Network>(method: &N, path: &Path, device: &Device) -> Result<Box<
 
 impl<N: Network> Drawer<N> {
     fn read(method: N, path: &Path, device: &Device) -> Result<Self, SceneError> {
-        let file = file::read::<Header<N::Spec>>(path, HEADER)?;
-        let Header { background, spec } = &file.spec;
+        let file = file::read::<NetworkHeader<N::Spec>>(path, HEADER)?;
+        let NetworkHeader { background, spec } = &file.spec;
         let asked = method.parameters(spec).map_err(|e| file::wrong(path, format!("header: {e}")))?;
         file.check_size(path, asked)?;
         let module = InPlace::new(file.fill(path, method.network(spec, 0, device))?);
@@ -146,7 +146,7 @@ impl<N: Network> Drawer<N> {
 }
 
 impl<N: Network> Model for Drawer<N> {
-    fn image(&self, camera: Camera, time: f32) -> Tensor<3> {
+    fn image(&self, camera: PinholeCamera, time: f32) -> Tensor<3> {
         if self.device.is_autodiff() {
             return self.method.image(&self.module.valid(), &self.spec, camera, time);
         }
@@ -174,12 +174,12 @@ impl<N: Network> Model for Drawer<N> {
     }
 
     fn save(&self, path: &Path) -> Result<(), SceneError> {
-        file::save(path, HEADER, &self.parameters(), &Header { background: self.background, spec: &self.spec })
+        file::save(path, HEADER, &self.parameters(), &NetworkHeader { background: self.background, spec: &self.spec })
     }
 }
 
 /// A network in training.
-struct Fit<N: Network> {
+struct NetworkTraining<N: Network> {
     drawer: Drawer<N>,
     optimizer: Optimizer,
     watch: LossWatch,
@@ -188,7 +188,7 @@ struct Fit<N: Network> {
     step: usize,
 }
 
-impl<N: Network> Training for Fit<N> {
+impl<N: Network> Training for NetworkTraining<N> {
     fn total_steps(&self) -> usize {
         self.total
     }
@@ -222,7 +222,7 @@ impl<N: Network> Training for Fit<N> {
         self.optimizer.to_tensors()
     }
 
-    fn resume(&mut self, from: Saved<'_>) -> Result<(), CheckpointError> {
+    fn resume(&mut self, from: SavedTraining<'_>) -> Result<(), CheckpointError> {
         self.drawer = Drawer::read(self.drawer.method.clone(), from.model, &self.drawer.device)?;
         let (sizes, device) = (params::sizes(&*self.drawer.module), self.drawer.device.clone().inner());
         let loaded = self.optimizer.load(&from.state, &sizes, &device);

@@ -5,7 +5,7 @@ use volseggs_base::rng::{Permutation, Purpose};
 /// Pixels in epochs: each epoch has a fixed number of distinct pixels of every view, in one random order over all
 /// views.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pixels {
+pub(super) struct PixelEpochs {
     views: u64,
     /// Pixels per view.
     pixels: u64,
@@ -23,7 +23,7 @@ pub(super) struct Pixel {
     pub at: usize,
 }
 
-impl Pixels {
+impl PixelEpochs {
     /// Draws `drawn` pixels (all, if there are fewer) from each of `views` views of `pixels` pixels.
     pub fn new(views: usize, pixels: usize, drawn: usize, seed: u64) -> Self {
         Self { views: views as u64, pixels: pixels as u64, drawn: drawn.min(pixels) as u64, seed }
@@ -59,7 +59,7 @@ mod tests {
 
     #[test]
     fn an_epoch_has_equally_many_distinct_pixels_of_each_view() {
-        let pixels = Pixels::new(3, 50, 20, 7);
+        let pixels = PixelEpochs::new(3, 50, 20, 7);
         // 7.5 steps per epoch
         let all: Vec<Pixel> = (0..15).flat_map(|step| pixels.of_step(step, 8)).collect();
         let epochs: Vec<BTreeSet<Pixel>> = all.chunks(60).map(|epoch| epoch.iter().copied().collect()).collect();
@@ -71,7 +71,7 @@ mod tests {
         assert_ne!(epochs[0], epochs[1], "pixels are redrawn in each epoch");
         let views: Vec<usize> = all.iter().take(8).map(|p| p.view).collect();
         assert!(views.iter().any(|v| *v != views[0]), "a step mixes views: {views:?}");
-        let all: BTreeSet<Pixel> = Pixels::new(2, 5, 9, 0).of_step(0, 10).into_iter().collect();
+        let all: BTreeSet<Pixel> = PixelEpochs::new(2, 5, 9, 0).of_step(0, 10).into_iter().collect();
         assert_eq!(all.len(), 10, "an epoch has at most all pixels of a view");
     }
 }

@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
-use volseggs_kernels::Camera;
+use volseggs_kernels::PinholeCamera;
 use volseggs_volume::data::Split;
 use volseggs_volume::data::hull::view_box;
 
@@ -57,7 +57,7 @@ impl ViewSphere {
     }
 
     /// The position of the camera on the sphere.
-    pub fn angles(&self, camera: &Camera) -> Angles {
+    pub fn angles(&self, camera: &PinholeCamera) -> Angles {
         let row = |k: usize| DVec3::from_array(camera.rotation[k].map(f64::from));
         let t = camera.translation.map(f64::from);
         let eye = -(row(0) * t[0] + row(1) * t[1] + row(2) * t[2]);

@@ -9,8 +9,8 @@ use volseggs_core::config::types::Config;
 use volseggs_core::device::DeviceName;
 use volseggs_core::model::ToKernel;
 use volseggs_core::model::params::{HostTensor, to_vec};
-use volseggs_core::train::Saved;
-use volseggs_core::train::checkpoint::{self, State};
+use volseggs_core::train::SavedTraining;
+use volseggs_core::train::checkpoint::{self, CheckpointState};
 use volseggs_volume::data::dataset::OpenOptions;
 use volseggs_volume::data::fixture::write_sphere_dataset;
 use volseggs_volume::data::{Dataset, Split};
@@ -105,7 +105,7 @@ fn resumed(method: &dyn Method, config: &Config, data: &Dataset, old: &dyn Train
     let path = folder.path().join("model.safetensors");
     old.model().save(&path).unwrap();
     let mut new = method.start(config, data, &device()).unwrap();
-    let saved = Saved {
+    let saved = SavedTraining {
         model: &path,
         state: old.state(),
         state_path: &path,
@@ -123,8 +123,14 @@ pub(super) fn check_checkpoint(config: &Config, data: &Dataset, stop: usize, mor
     let mut whole = crate::start(config, data, &device()).unwrap();
     stepped(&mut *whole, data, stop);
     let (initial, dataset) = (whole.first_primitives(), data.fingerprint());
-    let state =
-        State { step: stop, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0, packed: false };
+    let state = CheckpointState {
+        step: stop,
+        initial,
+        dataset: dataset.clone(),
+        config: text.clone(),
+        seconds: 0.0,
+        packed: false,
+    };
     let path = checkpoint::save(folder.path(), &*whole, &state, 1).unwrap();
     stepped(&mut *whole, data, more);
     let mut resumed = crate::start(config, data, &device()).unwrap();

@@ -6,7 +6,7 @@ use volseggs_core::model::size;
 
 /// The cost of a method, for a rough estimate of its duration.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Work {
+pub enum MethodWork {
     /// That of a network without Gaussians.
     Network {
         /// Multiply-adds of a step's forward pass.

@@ -10,7 +10,7 @@ use volseggs_kernels::activation::logit_f64;
 use volseggs_kernels::splat::{
     Rendering, SplatBackwardOps, SplatForward, SplatInputs, SplatOps, SplatSettings, SplatTensors,
 };
-use volseggs_kernels::{Camera, sh};
+use volseggs_kernels::{PinholeCamera, sh};
 
 /// Spherical-harmonics coefficients per Gaussian (degree 3).
 pub const SH_COEFFICIENTS: usize = 16;
@@ -81,13 +81,13 @@ pub fn scene(n: usize, seed: u64) -> Scene {
 }
 
 /// Returns the camera of a square image of `size` pixels per side, 30 degrees wide, at distance 4 from the origin.
-pub fn camera(size: usize) -> Camera {
+pub fn camera(size: usize) -> PinholeCamera {
     let (a, b) = (0.4f64, 0.7f64);
     let f = [-a.cos() * b.cos(), -a.cos() * b.sin(), -a.sin()];
     let r = [f[1], -f[0], 0.0].map(|v| v / f[0].hypot(f[1]));
     let d = [f[1] * r[2] - f[2] * r[1], f[2] * r[0] - f[0] * r[2], f[0] * r[1] - f[1] * r[0]];
     let focal = 0.5 * size as f64 / 15f64.to_radians().tan();
-    Camera {
+    PinholeCamera {
         width: size,
         height: size,
         fx: focal as f32,
@@ -108,7 +108,7 @@ pub struct Splatter {
 
 impl Splatter {
     /// Uploads `scene` to `device`, with a black background and SH degree 3.
-    pub fn new(scene: &Scene, camera: Camera, device: &Device) -> Self {
+    pub fn new(scene: &Scene, camera: PinholeCamera, device: &Device) -> Self {
         let n = scene.opacity_logits.len();
         let rows = |v: &[f32], d: usize| Tensor::<2>::from_data(TensorData::new(v.to_vec(), [n, d]), device);
         let (means, rotations, log_scales) =

@@ -104,7 +104,7 @@ pub(super) fn first_non_finite(grad: &[f32]) -> Option<usize> {
     grad.par_chunks(TASK)
         .enumerate()
         .filter_map(|(chunk, grad)| {
-            if !crate::arch().dispatch(Check(grad)) {
+            if !crate::arch().dispatch(NonFiniteCheck(grad)) {
                 return None;
             }
             let at = grad.iter().position(|&g| !(g * g).is_finite());
@@ -114,9 +114,9 @@ pub(super) fn first_non_finite(grad: &[f32]) -> Option<usize> {
 }
 
 /// Checks whether the square of any value is non-finite.
-struct Check<'a>(&'a [f32]);
+struct NonFiniteCheck<'a>(&'a [f32]);
 
-impl WithSimd for Check<'_> {
+impl WithSimd for NonFiniteCheck<'_> {
     type Output = bool;
 
     #[inline(always)]

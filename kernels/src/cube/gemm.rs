@@ -16,7 +16,7 @@ const ROWS: u32 = 1024;
 
 /// Operation applied to each element of a product before it is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) enum Finish {
+pub(crate) enum Epilogue {
     /// Adds the bias.
     Bias,
     /// Adds the bias and clamps negative values to 0.
@@ -36,7 +36,7 @@ pub(crate) fn product(
     other: &Words,
     out: &Words,
     [m, k, n]: [usize; 3],
-    finish: Finish,
+    finish: Epilogue,
 ) {
     let across = n.div_ceil(TILE as usize);
     multiply::launch(
@@ -100,7 +100,7 @@ fn multiply(
     n: u32,
     across: u32,
     #[comptime] b_transposed: bool,
-    #[comptime] finish: Finish,
+    #[comptime] finish: Epilogue,
 ) {
     // [DEPTH, 64] each; a is staged transposed, so that a unit's four rows are adjacent
     let mut sa = Shared::<[f32]>::new_slice(1024usize);
@@ -162,13 +162,13 @@ fn multiply(
             if row < m && column < n {
                 let at = (row * n + column) as usize;
                 let value = sum[(i * 4 + j) as usize];
-                if comptime!(finish == Finish::Bias) {
+                if comptime!(finish == Epilogue::Bias) {
                     out[at] = value + other[column as usize];
-                } else if comptime!(finish == Finish::BiasRelu) {
+                } else if comptime!(finish == Epilogue::BiasRelu) {
                     let sum = value + other[column as usize];
                     // keeps NaN, as on a CPU
                     out[at] = select(sum <= 0.0f32, 0.0f32, sum);
-                } else if comptime!(finish == Finish::Mask) {
+                } else if comptime!(finish == Epilogue::Mask) {
                     out[at] = select(other[at] > 0.0f32, value, 0.0f32);
                 } else {
                     out[at] = value;

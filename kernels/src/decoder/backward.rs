@@ -1,7 +1,7 @@
 //! Backward pass of the decoder: rows with a gradient are gathered, split into ranges by their count alone, and the
 //! parameter gradients of the ranges are added in order. Lengths are not checked here.
 
-use super::kernel::{Add, Gate, Rows, Store, add_rows, gate_all, outer, product};
+use super::kernel::{Add, ClampGate, RowBlock, Store, add_rows, gate_all, outer, product};
 use super::layers::{BLOCK, head, trunk};
 use super::pack::{Aligned, Packed, Transposed};
 use super::params::{DecoderGrads, DecoderInputs, DecoderParams};
@@ -43,7 +43,7 @@ pub(super) fn run(
         let end = if r + 1 < count { used[last] } else { n };
         let (features_window, features_after) = features.split_at_mut((end - row) * widths[0]);
         let (own_window, own_after) = own.split_at_mut((end - row) * widths[1]);
-        ranges.push(Range {
+        ranges.push(RowRange {
             packed: &packed,
             transposed: &transposed,
             x,
@@ -55,7 +55,7 @@ pub(super) fn run(
         });
         (features, own, row) = (features_after, own_after, end);
     }
-    let sums: Vec<Sums> = ranges.into_par_iter().map(|range| crate::arch().dispatch(range)).collect();
+    let sums: Vec<GradientSums> = ranges.into_par_iter().map(|range| crate::arch().dispatch(range)).collect();
     let mut sums = sums.into_iter();
     if let Some(mut total) = sums.next() {
         sums.for_each(|sum| total.add(&sum));
@@ -65,7 +65,7 @@ pub(super) fn run(
 }
 
 /// Parameter gradients of one range, rows padded to `width`.
-struct Sums {
+struct GradientSums {
     /// `[F, width]`.
     trunk: Aligned,
     /// `[H, W, width]`.
@@ -78,7 +78,7 @@ struct Sums {
     output_bias: Vec<f32>,
 }
 
-impl Sums {
+impl GradientSums {
     fn new(packed: &Packed<'_>) -> Self {
         Self {
             trunk: Aligned::new(packed.trunk.len()),
@@ -127,7 +127,7 @@ impl Sums {
 }
 
 /// One range of used rows and the window of input gradients that it owns.
-struct Range<'a> {
+struct RowRange<'a> {
     packed: &'a Packed<'a>,
     transposed: &'a Transposed,
     x: DecoderInputs<'a>,
@@ -142,7 +142,7 @@ struct Range<'a> {
 }
 
 /// One block of gathered rows with everything computed from them; `[BLOCK, ..]` each.
-struct Block {
+struct GatheredBlock {
     rows: usize,
     x: Aligned,
     grad: Aligned,
@@ -153,14 +153,14 @@ struct Block {
     grad_x: Aligned,
 }
 
-impl WithSimd for Range<'_> {
-    type Output = Sums;
+impl WithSimd for RowRange<'_> {
+    type Output = GradientSums;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Sums {
+    fn with_simd<S: Simd>(self, simd: S) -> GradientSums {
         let (packed, shape) = (self.packed, self.packed.shape);
         let (f, c) = (shape.inputs, shape.outputs());
-        let mut block = Block {
+        let mut block = GatheredBlock {
             rows: 0,
             x: Aligned::new(BLOCK * f),
             grad: Aligned::new(BLOCK * c),
@@ -169,7 +169,7 @@ impl WithSimd for Range<'_> {
             grad_hidden: Aligned::new(BLOCK * packed.width),
             grad_x: Aligned::new(BLOCK * self.transposed.inputs),
         };
-        let mut sums = Sums::new(packed);
+        let mut sums = GradientSums::new(packed);
         let [features, own] = self.window;
         features.fill(0.0);
         own.fill(0.0);
@@ -195,9 +195,9 @@ impl WithSimd for Range<'_> {
     }
 }
 
-impl Block {
+impl GatheredBlock {
     #[inline(always)]
-    fn run<S: Simd>(&mut self, simd: S, packed: &Packed<'_>, transposed: &Transposed, sums: &mut Sums) {
+    fn run<S: Simd>(&mut self, simd: S, packed: &Packed<'_>, transposed: &Transposed, sums: &mut GradientSums) {
         let (rows, width, shape) = (self.rows, packed.width, packed.shape);
         let (f, w, c) = (shape.inputs, shape.width, shape.outputs());
         trunk(simd, packed, rows, &self.x, &mut self.hidden);
@@ -206,27 +206,27 @@ impl Block {
             head(simd, packed, k, rows, &self.hidden, &mut self.units);
             let columns = first * width..(first + size) * width;
             let head_at = k * packed.head_len()..(k + 1) * packed.head_len();
-            let grad = Rows { data: &self.grad, stride: c, first };
+            let grad = RowBlock { data: &self.grad, stride: c, first };
             let output_sums = &mut sums.outputs[columns.clone()];
             outer(simd, rows, (grad, size), (&self.units, width), output_sums);
 
             let panels = &transposed.outputs[columns];
-            product(simd, rows, grad, (size, panels), &mut self.units, Gate);
+            product(simd, rows, grad, (size, panels), &mut self.units, ClampGate);
             let bias_sums = &mut sums.biases[(1 + k) * width..][..width];
             add_rows(simd, rows, &self.units, bias_sums);
-            let hidden = Rows::new(&self.hidden, width);
+            let hidden = RowBlock::new(&self.hidden, width);
             let head_sums = &mut sums.heads[head_at.clone()];
             outer(simd, rows, (hidden, w), (&self.units, width), head_sums);
 
-            let units = Rows::new(&self.units, width);
+            let units = RowBlock::new(&self.units, width);
             let panels = &transposed.heads[head_at];
             product(simd, rows, units, (w, panels), &mut self.grad_hidden, Add);
         }
         gate_all(simd, &self.hidden, &mut self.grad_hidden);
         add_rows(simd, rows, &self.grad_hidden, &mut sums.biases[..width]);
-        let x = Rows::new(&self.x, f);
+        let x = RowBlock::new(&self.x, f);
         outer(simd, rows, (x, f), (&self.grad_hidden, width), &mut sums.trunk);
-        let grad_hidden = Rows::new(&self.grad_hidden, width);
+        let grad_hidden = RowBlock::new(&self.grad_hidden, width);
         product(simd, rows, grad_hidden, (w, &transposed.trunk), &mut self.grad_x, Store);
     }
 }

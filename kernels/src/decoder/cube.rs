@@ -3,7 +3,7 @@
 
 use super::ops::{DecoderBackwardOps, DecoderOps, DecoderTensors};
 use super::shape::DecoderShape;
-use crate::cube::gemm::{Finish, column_sums, product, transposed};
+use crate::cube::gemm::{Epilogue, column_sums, product, transposed};
 use crate::cube::prelude::*;
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, rows};
 use burn::backend::ops::FloatTensorOps;
@@ -58,7 +58,7 @@ fn parted(x: CubeTensor, own: CubeTensor) -> (CubeTensor, CubeTensor) {
 }
 
 /// The inputs and hidden layers of one call.
-struct Layers {
+struct DecoderLayers {
     client: Client,
     n: usize,
     /// The inputs that are needed again after the hidden layers.
@@ -74,7 +74,7 @@ struct Layers {
     hidden: Words,
 }
 
-impl Layers {
+impl DecoderLayers {
     fn new(inputs: &[CubeTensor; 7], shape: &DecoderShape) -> Self {
         let client = inputs[0].client.clone();
         let n = inputs[0].meta.shape()[0];
@@ -94,9 +94,9 @@ impl Layers {
             (all * columns) as u32,
         );
         let trunk = Words::empty(&client, n * width);
-        product(&client, &x, (&w0, false), &b0, &trunk, [n, shape.inputs, width], Finish::BiasRelu);
+        product(&client, &x, (&w0, false), &b0, &trunk, [n, shape.inputs, width], Epilogue::BiasRelu);
         let hidden = Words::empty(&client, n * all);
-        product(&client, &trunk, (&w1, false), &b1, &hidden, [n, width, all], Finish::BiasRelu);
+        product(&client, &trunk, (&w1, false), &b1, &hidden, [n, width, all], Epilogue::BiasRelu);
         Self { client, n, x, w0, w1, b2, w2, heads, trunk, hidden }
     }
 }
@@ -104,10 +104,10 @@ impl Layers {
 impl DecoderOps for CubeBackend {
     fn decoder_forward(inputs: DecoderTensors<Self>, shape: DecoderShape) -> FloatTensor<Self> {
         let inputs = joined(inputs).map(rows);
-        let l = Layers::new(&inputs, &shape);
+        let l = DecoderLayers::new(&inputs, &shape);
         let out = empty_f32(&inputs[0], [l.n, shape.outputs()]);
         let size = [l.n, shape.b1_len(), shape.outputs()];
-        product(&l.client, &l.hidden, (&l.w2, false), &l.b2, &Words::of(&out), size, Finish::Bias);
+        product(&l.client, &l.hidden, (&l.w2, false), &l.b2, &Words::of(&out), size, Epilogue::Bias);
         out
     }
 }
@@ -120,7 +120,7 @@ impl DecoderBackwardOps for CubeBackend {
     ) -> DecoderTensors<Self> {
         let own = inputs.own.clone();
         let inputs = joined(inputs).map(rows);
-        let l = Layers::new(&inputs, &shape);
+        let l = DecoderLayers::new(&inputs, &shape);
         let (n, f, width, all, columns) = (l.n, shape.inputs, shape.width, shape.b1_len(), shape.outputs());
         let client = &l.client;
         let grad = Words::of(&rows(grad));
@@ -143,15 +143,15 @@ impl DecoderBackwardOps for CubeBackend {
         column_sums(client, &grad, h2, [n, columns]);
 
         let by_hidden = Words::empty(client, n * all);
-        product(client, &grad, (&l.w2, true), &l.hidden, &by_hidden, [n, columns, all], Finish::Mask);
+        product(client, &grad, (&l.w2, true), &l.hidden, &by_hidden, [n, columns, all], Epilogue::Mask);
         transposed(client, &l.trunk, &by_hidden, g1, [n, width, all]);
         column_sums(client, &by_hidden, h1, [n, all]);
 
         let by_trunk = Words::empty(client, n * width);
-        product(client, &by_hidden, (&l.w1, true), &l.trunk, &by_trunk, [n, all, width], Finish::Mask);
+        product(client, &by_hidden, (&l.w1, true), &l.trunk, &by_trunk, [n, all, width], Epilogue::Mask);
         transposed(client, &l.x, &by_trunk, g0, [n, f, width]);
         column_sums(client, &by_trunk, h0, [n, width]);
-        product(client, &by_trunk, (&l.w0, true), &l.b2, &Words::of(gx), [n, width, f], Finish::Plain);
+        product(client, &by_trunk, (&l.w0, true), &l.b2, &Words::of(gx), [n, width, f], Epilogue::Plain);
 
         let [x, w0, b0, w1, b1, w2, b2] = out;
         let (features, own) = parted(x, own);

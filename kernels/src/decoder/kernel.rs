@@ -48,9 +48,9 @@ impl<S: Simd> Finish<S> for BiasRelu<'_, S> {
 
 /// Keeps the sum where the output was a live hidden unit, else 0: the gradient of the clamp.
 #[derive(Clone, Copy)]
-pub(super) struct Gate;
+pub(super) struct ClampGate;
 
-impl<S: Simd> Finish<S> for Gate {
+impl<S: Simd> Finish<S> for ClampGate {
     #[inline(always)]
     fn finish(self, simd: S, old: S::f32s, sum: S::f32s, _: usize) -> S::f32s {
         gate(simd, old, sum)
@@ -66,7 +66,7 @@ pub(super) fn gate<S: Simd>(simd: S, unit: S::f32s, value: S::f32s) -> S::f32s {
 
 /// A row-major block, viewed from its first used column.
 #[derive(Clone, Copy)]
-pub(super) struct Rows<'a> {
+pub(super) struct RowBlock<'a> {
     pub(super) data: &'a [f32],
     /// Elements from one row to the next.
     pub(super) stride: usize,
@@ -74,7 +74,7 @@ pub(super) struct Rows<'a> {
     pub(super) first: usize,
 }
 
-impl<'a> Rows<'a> {
+impl<'a> RowBlock<'a> {
     pub(super) fn new(data: &'a [f32], stride: usize) -> Self {
         let first = 0;
         Self { data, stride, first }
@@ -87,7 +87,7 @@ impl<'a> Rows<'a> {
 pub(super) fn product<S: Simd, F: Finish<S>>(
     simd: S,
     rows: usize,
-    a: Rows<'_>,
+    a: RowBlock<'_>,
     (depth, panels): (usize, &[f32]),
     out: &mut [f32],
     finish: F,
@@ -122,7 +122,7 @@ pub(super) fn product<S: Simd, F: Finish<S>>(
 pub(super) fn outer<S: Simd>(
     simd: S,
     rows: usize,
-    (a, count): (Rows<'_>, usize),
+    (a, count): (RowBlock<'_>, usize),
     (b, columns): (&[f32], usize),
     out: &mut [f32],
 ) {

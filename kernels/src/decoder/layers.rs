@@ -1,6 +1,6 @@
 //! The layers that both passes compute: blocks of rows through the trunk and through a head.
 
-use super::kernel::{BiasRelu, Rows, TILE, product};
+use super::kernel::{BiasRelu, RowBlock, TILE, product};
 use super::pack::Packed;
 use pulp::Simd;
 
@@ -12,7 +12,7 @@ pub(super) const BLOCK: usize = 8 * TILE;
 pub(super) fn trunk<S: Simd>(simd: S, packed: &Packed<'_>, rows: usize, x: &[f32], out: &mut [f32]) {
     let f = packed.shape.inputs;
     let bias = BiasRelu::<S>(S::as_simd_f32s(packed.trunk_bias()).0);
-    product(simd, rows, Rows::new(x, f), (f, &packed.trunk), out, bias);
+    product(simd, rows, RowBlock::new(x, f), (f, &packed.trunk), out, bias);
 }
 
 /// Hidden units of head `k` from those of the trunk, `[rows, width]`.
@@ -20,6 +20,6 @@ pub(super) fn trunk<S: Simd>(simd: S, packed: &Packed<'_>, rows: usize, x: &[f32
 pub(super) fn head<S: Simd>(simd: S, packed: &Packed<'_>, k: usize, rows: usize, trunk: &[f32], out: &mut [f32]) {
     let (panels, bias) = packed.head(k);
     let bias = BiasRelu::<S>(S::as_simd_f32s(bias).0);
-    let trunk = Rows::new(trunk, packed.width);
+    let trunk = RowBlock::new(trunk, packed.width);
     product(simd, rows, trunk, (packed.shape.width, panels), out, bias);
 }

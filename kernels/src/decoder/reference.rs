@@ -4,11 +4,11 @@
 use super::shape::DecoderShape;
 
 /// The parameters in f64.
-pub type Params<'a> = super::DecoderParams<'a, f64>;
+pub type DecoderParamsF64<'a> = super::DecoderParams<'a, f64>;
 
 /// Gradients of [`forward`], each as long as the buffer it belongs to.
 #[derive(Clone, Debug)]
-pub struct Grads {
+pub struct DecoderGradsF64 {
     /// Gradient of the trunk weights.
     pub w0: Vec<f64>,
     /// Gradient of the trunk bias.
@@ -41,20 +41,20 @@ fn relu(values: &[f64]) -> Vec<f64> {
 }
 
 /// Layers of one row before their clamps: trunk `[W]` and all heads `[H * W]`.
-fn layers(params: Params<'_>, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
+fn layers(params: DecoderParamsF64<'_>, x: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let trunk = affine(x, params.w0, params.b0);
     let heads = affine(&relu(&trunk), params.w1, params.b1);
     (trunk, heads)
 }
 
 /// Returns the smallest distance of a hidden unit from the kink of its clamp, over all rows of `x` `[N, F]`.
-pub fn kink_distance(shape: &DecoderShape, params: Params<'_>, x: &[f64]) -> f64 {
+pub fn kink_distance(shape: &DecoderShape, params: DecoderParamsF64<'_>, x: &[f64]) -> f64 {
     let rows = x.chunks_exact(shape.inputs).map(|x| layers(params, x));
     rows.flat_map(|(trunk, heads)| [trunk, heads].concat()).fold(f64::INFINITY, |least, v| least.min(v.abs()))
 }
 
 /// Returns the outputs `[N, C]` of `x` `[N, F]`.
-pub fn forward(shape: &DecoderShape, params: Params<'_>, x: &[f64]) -> Vec<f64> {
+pub fn forward(shape: &DecoderShape, params: DecoderParamsF64<'_>, x: &[f64]) -> Vec<f64> {
     let (w, c) = (shape.width, shape.outputs());
     let mut out = Vec::new();
     for x in x.chunks_exact(shape.inputs) {
@@ -70,10 +70,10 @@ pub fn forward(shape: &DecoderShape, params: Params<'_>, x: &[f64]) -> Vec<f64> 
 }
 
 /// Returns the gradients of [`forward`] for `grad_out` `[N, C]`.
-pub fn backward(shape: &DecoderShape, params: Params<'_>, x: &[f64], grad_out: &[f64]) -> Grads {
+pub fn backward(shape: &DecoderShape, params: DecoderParamsF64<'_>, x: &[f64], grad_out: &[f64]) -> DecoderGradsF64 {
     let (f, w, c) = (shape.inputs, shape.width, shape.outputs());
     let all = w * shape.heads();
-    let mut grads = Grads {
+    let mut grads = DecoderGradsF64 {
         w0: vec![0.0; params.w0.len()],
         b0: vec![0.0; params.b0.len()],
         w1: vec![0.0; params.w1.len()],

@@ -31,8 +31,15 @@ struct Case {
     grad: Vec<f32>,
 }
 
-fn reference_params(parts: &Parts<f64>) -> reference::Params<'_> {
-    reference::Params { w0: &parts[0], b0: &parts[1], w1: &parts[2], b1: &parts[3], w2: &parts[4], b2: &parts[5] }
+fn reference_params(parts: &Parts<f64>) -> reference::DecoderParamsF64<'_> {
+    reference::DecoderParamsF64 {
+        w0: &parts[0],
+        b0: &parts[1],
+        w1: &parts[2],
+        b1: &parts[3],
+        w2: &parts[4],
+        b2: &parts[5],
+    }
 }
 
 impl Case {

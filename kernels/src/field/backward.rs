@@ -2,7 +2,7 @@
 //! Tasks depend on the input sizes alone; entry point and argument checks are in [`super::cpu`].
 
 use super::params::{FieldGrads, FieldParams};
-use super::sample::{Field, Lanes, Tap};
+use super::sample::{FieldData, Lanes, Tap};
 use super::shape::{FieldShape, PLANE_AXES, PLANE_LINE};
 use pulp::{Scalar, Simd, WithSimd};
 use rayon::prelude::*;
@@ -26,14 +26,14 @@ pub(super) fn run(
     active: Option<&[bool]>,
     grads: FieldGrads<'_>,
 ) {
-    let input = Backward { field: Field::new(shape, params, time), points, grad: grad_features, active };
+    let input = Backward { field: FieldData::new(shape, params, time), points, grad: grad_features, active };
     let FieldGrads { planes, lines, times, points: grad_points } = grads;
     rayon::join(|| input.scatter_planes(shape, planes), || input.walk_points(shape, time, lines, times, grad_points));
 }
 
 /// Data read by every backward task.
 struct Backward<'a> {
-    field: Field<'a>,
+    field: FieldData<'a>,
     points: &'a [f32],
     /// Feature gradient `[N, levels, R]`.
     grad: &'a [f32],

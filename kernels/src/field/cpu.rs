@@ -7,7 +7,7 @@
 //! A point with a NaN coordinate has features of 0 and gradients of 0, and costs next to nothing.
 
 use super::params::{FieldGrads, FieldParams};
-use super::sample::{Field, Lanes, Tap};
+use super::sample::{FieldData, Lanes, Tap};
 use super::shape::FieldShape;
 use pulp::{Scalar, Simd, WithSimd};
 use rayon::prelude::*;
@@ -23,7 +23,7 @@ const FORWARD_CHUNK: usize = 256;
 /// If a slice length does not fit `shape`, or `shape` has an extent of 0.
 pub fn forward(shape: &FieldShape, params: FieldParams<'_>, points: &[f32], time: f32, features: &mut [f32]) {
     check(shape, params, points, features.len());
-    let field = Field::new(shape, params, time);
+    let field = FieldData::new(shape, params, time);
     features.par_chunks_mut(FORWARD_CHUNK * shape.features_len()).zip(points.par_chunks(FORWARD_CHUNK * 3)).for_each(
         |(features, points)| {
             crate::arch().dispatch(ForwardChunk { field: &field, points, features });
@@ -63,7 +63,7 @@ fn check(shape: &FieldShape, params: FieldParams<'_>, points: &[f32], features: 
 }
 
 struct ForwardChunk<'a> {
-    field: &'a Field<'a>,
+    field: &'a FieldData<'a>,
     points: &'a [f32],
     features: &'a mut [f32],
 }

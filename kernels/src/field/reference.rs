@@ -4,11 +4,11 @@
 use super::shape::{FieldShape, PLANE_AXES, PLANE_LINE};
 
 /// The three flat parameter buffers in f64.
-pub type Params<'a> = super::FieldParams<'a, f64>;
+pub type FieldParamsF64<'a> = super::FieldParams<'a, f64>;
 
 /// Gradients of [`forward`], each as long as the buffer it belongs to.
 #[derive(Clone, Debug)]
-pub struct Grads {
+pub struct FieldGradsF64 {
     /// Gradient of the plane buffer.
     pub planes: Vec<f64>,
     /// Gradient of the line buffer.
@@ -35,22 +35,22 @@ fn taps(unit: f64, slope: f64, n: usize) -> Taps {
 
 /// Nodes that one sample reads: index in the flat buffer (of channel 0), weight, and the derivatives of the weight with
 /// respect to x, y and z.
-type Nodes = Vec<(usize, f64, [f64; 3])>;
+type WeightedNodes = Vec<(usize, f64, [f64; 3])>;
 
-struct Sample {
+struct SampledNodes {
     /// Nodes of xy, xz, yz and of the line multiplied by each.
-    planes: [Nodes; 3],
-    lines: [Nodes; 3],
+    planes: [WeightedNodes; 3],
+    lines: [WeightedNodes; 3],
 }
 
-fn sample(shape: &FieldShape, level: usize, point: &[f64]) -> Sample {
+fn sample(shape: &FieldShape, level: usize, point: &[f64]) -> SampledNodes {
     let n = shape.levels[level].resolution;
     let axes = [0, 1, 2].map(|a| taps(point[a] * 0.5 + 0.5, 0.5, n[a]));
     let (plane_spans, line_spans) = (shape.plane_spans(), shape.line_spans());
     let planes = [0, 1, 2].map(|k| {
         let (fast, slow) = PLANE_AXES[k];
         let span = plane_spans[3 * level + k];
-        let mut nodes = Nodes::new();
+        let mut nodes = WeightedNodes::new();
         for (y, wy, dy) in axes[slow] {
             for (x, wx, dx) in axes[fast] {
                 let mut slope = [0.0; 3];
@@ -72,7 +72,7 @@ fn sample(shape: &FieldShape, level: usize, point: &[f64]) -> Sample {
         };
         axes[axis].map(node).to_vec()
     });
-    Sample { planes, lines }
+    SampledNodes { planes, lines }
 }
 
 /// Whether the point has a NaN coordinate: it then has features of 0 and passes no gradient on.
@@ -80,12 +80,12 @@ fn nowhere(point: &[f64]) -> bool {
     point.iter().any(|v| v.is_nan())
 }
 
-fn value(nodes: &Nodes, data: &[f64], r: usize) -> f64 {
+fn value(nodes: &WeightedNodes, data: &[f64], r: usize) -> f64 {
     nodes.iter().map(|&(at, w, _)| w * data[at + r]).sum()
 }
 
 /// Returns the features `[N, levels * R]` of `points` `[N, 3]` at `time` in [0, 1].
-pub fn forward(shape: &FieldShape, params: Params<'_>, points: &[f64], time: f64) -> Vec<f64> {
+pub fn forward(shape: &FieldShape, params: FieldParamsF64<'_>, points: &[f64], time: f64) -> Vec<f64> {
     let knots = taps(time, 1.0, shape.time_knots);
     let mut features = Vec::new();
     for point in points.chunks_exact(3) {
@@ -112,8 +112,14 @@ pub fn forward(shape: &FieldShape, params: Params<'_>, points: &[f64], time: f64
 }
 
 /// Returns the gradients of [`forward`] for `grad_features` `[N, levels * R]`.
-pub fn backward(shape: &FieldShape, params: Params<'_>, points: &[f64], time: f64, grad_features: &[f64]) -> Grads {
-    let mut grads = Grads {
+pub fn backward(
+    shape: &FieldShape,
+    params: FieldParamsF64<'_>,
+    points: &[f64],
+    time: f64,
+    grad_features: &[f64],
+) -> FieldGradsF64 {
+    let mut grads = FieldGradsF64 {
         planes: vec![0.0; params.planes.len()],
         lines: vec![0.0; params.lines.len()],
         times: vec![0.0; params.times.len()],

@@ -95,15 +95,15 @@ impl Tap {
 }
 
 /// One level: its grid and the offsets of its tensors in the flat buffers.
-pub(super) struct Level {
+pub(super) struct GridLevel {
     pub(super) n: [usize; 3],
     pub(super) planes: [usize; 3],
     pub(super) lines: [usize; 3],
 }
 
 /// Data read by every task of one call.
-pub(super) struct Field<'a> {
-    pub(super) levels: Vec<Level>,
+pub(super) struct FieldData<'a> {
+    pub(super) levels: Vec<GridLevel>,
     pub(super) channels: usize,
     pub(super) planes: &'a [f32],
     pub(super) lines: &'a [f32],
@@ -111,10 +111,10 @@ pub(super) struct Field<'a> {
     pub(super) time: Vec<f32>,
 }
 
-impl<'a> Field<'a> {
+impl<'a> FieldData<'a> {
     pub(super) fn new(shape: &FieldShape, params: FieldParams<'a>, time: f32) -> Self {
         let (planes, lines) = (shape.plane_spans(), shape.line_spans());
-        let level = |(i, level): (usize, &LevelShape)| Level {
+        let level = |(i, level): (usize, &LevelShape)| GridLevel {
             n: level.resolution,
             planes: [0, 1, 2].map(|k| planes[3 * i + k].offset),
             lines: [0, 1, 2].map(|k| lines[3 * i + k].offset),
@@ -145,13 +145,18 @@ impl<'a> Field<'a> {
 
     /// Returns the nodes of plane `PLANE` (xy, xz, yz) around a point.
     #[inline(always)]
-    pub(super) fn quad<const PLANE: usize, S: Simd>(&self, simd: S, level: &Level, taps: &[Tap; 3]) -> Quad<'a, S> {
+    pub(super) fn quad<const PLANE: usize, S: Simd>(
+        &self,
+        simd: S,
+        level: &GridLevel,
+        taps: &[Tap; 3],
+    ) -> PlaneNodes<'a, S> {
         let (fast, slow) = PLANE_AXES[PLANE];
         let (f, s) = (taps[fast], taps[slow]);
         let lower = level.planes[PLANE] + s.lo * level.n[fast] * self.channels;
         let upper = level.planes[PLANE] + s.hi * level.n[fast] * self.channels;
         let (left, right) = (f.lo * self.channels, f.hi * self.channels);
-        Quad {
+        PlaneNodes {
             simd,
             rows: [
                 self.node::<S>(self.planes, lower + left),
@@ -166,9 +171,9 @@ impl<'a> Field<'a> {
 
     /// Returns the nodes of the line along `axis` around a point.
     #[inline(always)]
-    pub(super) fn pair<S: Simd>(&self, simd: S, level: &Level, taps: &[Tap; 3], axis: usize) -> Pair<'a, S> {
+    pub(super) fn pair<S: Simd>(&self, simd: S, level: &GridLevel, taps: &[Tap; 3], axis: usize) -> LineNodes<'a, S> {
         let (base, tap) = (level.lines[axis], taps[axis]);
-        Pair {
+        LineNodes {
             simd,
             rows: [
                 self.node::<S>(self.lines, base + tap.lo * self.channels),
@@ -180,13 +185,13 @@ impl<'a> Field<'a> {
 }
 
 /// Two line nodes around a point.
-pub(super) struct Pair<'a, S: Simd> {
+pub(super) struct LineNodes<'a, S: Simd> {
     simd: S,
     rows: [&'a [S::f32s]; 2],
     frac: Lanes<S>,
 }
 
-impl<S: Simd> Pair<'_, S> {
+impl<S: Simd> LineNodes<'_, S> {
     /// Returns the value of block `b` and its slope along the grid coordinate.
     #[inline(always)]
     pub(super) fn at(&self, b: usize) -> (Lanes<S>, Lanes<S>) {
@@ -197,14 +202,14 @@ impl<S: Simd> Pair<'_, S> {
 }
 
 /// Four plane nodes around a point.
-pub(super) struct Quad<'a, S: Simd> {
+pub(super) struct PlaneNodes<'a, S: Simd> {
     simd: S,
     rows: [&'a [S::f32s]; 4],
     fast: Lanes<S>,
     slow: Lanes<S>,
 }
 
-impl<S: Simd> Quad<'_, S> {
+impl<S: Simd> PlaneNodes<'_, S> {
     /// Returns the value of block `b` and its slopes along the fast and slow grid coordinates.
     #[inline(always)]
     pub(super) fn at(&self, b: usize) -> (Lanes<S>, Lanes<S>, Lanes<S>) {

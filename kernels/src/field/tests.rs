@@ -101,13 +101,13 @@ impl Case {
 
     fn reference_forward(&self) -> Vec<f64> {
         let (planes, lines, times) = (wide(&self.planes), wide(&self.lines), wide(&self.times));
-        let params = reference::Params { planes: &planes, lines: &lines, times: &times };
+        let params = reference::FieldParamsF64 { planes: &planes, lines: &lines, times: &times };
         reference::forward(&self.shape, params, &wide(&self.points), f64::from(self.time))
     }
 
-    fn reference_backward(&self) -> reference::Grads {
+    fn reference_backward(&self) -> reference::FieldGradsF64 {
         let (planes, lines, times) = (wide(&self.planes), wide(&self.lines), wide(&self.times));
-        let params = reference::Params { planes: &planes, lines: &lines, times: &times };
+        let params = reference::FieldParamsF64 { planes: &planes, lines: &lines, times: &times };
         let (points, grad) = (wide(&self.points), wide(&self.grad));
         reference::backward(&self.shape, params, &points, f64::from(self.time), &grad)
     }
@@ -163,7 +163,7 @@ fn reference_gradient_matches_finite_differences() {
     let base = [wide(&case.planes), wide(&case.lines), wide(&case.times), wide(&case.points)];
     let grad = wide(&case.grad);
     let loss = |v: &[Vec<f64>; 4]| -> f64 {
-        let params = reference::Params { planes: &v[0], lines: &v[1], times: &v[2] };
+        let params = reference::FieldParamsF64 { planes: &v[0], lines: &v[1], times: &v[2] };
         let features = reference::forward(&case.shape, params, &v[3], f64::from(case.time));
         features.iter().zip(&grad).map(|(f, g)| f * g).sum()
     };
@@ -228,7 +228,7 @@ fn a_point_with_a_nan_coordinate_counts_as_inactive() {
     }
     let wide = |v: &[f32]| v.iter().map(|&v| f64::from(v)).collect::<Vec<_>>();
     let (planes, lines, times) = (wide(&case.planes), wide(&case.lines), wide(&case.times));
-    let params = reference::Params { planes: &planes, lines: &lines, times: &times };
+    let params = reference::FieldParamsF64 { planes: &planes, lines: &lines, times: &times };
     let exact = reference::backward(&case.shape, params, &wide(&case.points), f64::from(case.time), &wide(&case.grad));
     assert!(masked.planes.iter().zip(&exact.planes).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-3 * (1.0 + b.abs())));
 }

@@ -5,7 +5,7 @@ use super::{MIN_SQUARE, REACH, SMALL};
 use crate::backend::zeros;
 use crate::log_exp::{exp, ln};
 use crate::splat::cpu::lanes::wide;
-use crate::turn::{NO_ROTATION, Vec3, dot, turn, turn_backward};
+use crate::turn::{Float3, NO_ROTATION, dot, turn, turn_backward};
 use rayon::prelude::*;
 
 /// Gaussians per task.
@@ -19,7 +19,7 @@ const LARGEST: f32 = 88.0;
 
 /// The arrays of [`super::path_opacity`], row-major.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
+pub struct PathOpacityArrays<'a> {
     /// `[N, 3]`
     pub means: &'a [f32],
     /// `[N, 4]`
@@ -29,30 +29,30 @@ pub struct Seen<'a> {
     /// `[N]`
     pub logits: &'a [f32],
     /// The eye, scene units.
-    pub eye: Vec3,
+    pub eye: Float3,
     /// The exponent.
     pub exponent: f32,
 }
 
 /// One Gaussian.
 #[derive(Clone, Copy)]
-struct One {
-    mean: Vec3,
+struct PathGaussian {
+    mean: Float3,
     w: f32,
-    u: Vec3,
-    log_scales: Vec3,
+    u: Float3,
+    log_scales: Float3,
     logit: f32,
 }
 
 /// Gaussians side by side: `rows[k][i]` is number k of Gaussian i.
-struct Block {
+struct GaussianBlock {
     rows: [[f32; BLOCK]; 11],
 }
 
-impl Block {
+impl GaussianBlock {
     /// Reads the `count` Gaussians from `first` on; the rest of the block is 0.
     #[inline(always)]
-    fn read(seen: &Seen<'_>, first: usize, count: usize) -> Self {
+    fn read(seen: &PathOpacityArrays<'_>, first: usize, count: usize) -> Self {
         let mut rows = [[0.0; BLOCK]; 11];
         for lane in 0..count {
             let i = first + lane;
@@ -69,40 +69,40 @@ impl Block {
     }
 
     #[inline(always)]
-    fn one(&self, lane: usize) -> One {
+    fn one(&self, lane: usize) -> PathGaussian {
         let at = |k: usize| self.rows[k][lane];
         let triple = |k: usize| [at(k), at(k + 1), at(k + 2)];
-        One { mean: triple(0), w: at(3), u: triple(4), log_scales: triple(7), logit: at(10) }
+        PathGaussian { mean: triple(0), w: at(3), u: triple(4), log_scales: triple(7), logit: at(10) }
     }
 }
 
 /// A ray through the centre of a Gaussian.
-struct Ray {
+struct CentreRay {
     /// The unit quaternion, and 1 over its former length, 0 for no rotation.
     w: f32,
-    u: Vec3,
+    u: Float3,
     inverse_length: f32,
     /// The unit direction in the world, and 1 over the distance.
-    direction: Vec3,
+    direction: Float3,
     inverse_distance: f32,
     /// The direction along each axis of the Gaussian.
-    local: Vec3,
+    local: Float3,
     /// `s0^2 / s^2` of each axis, and 1 if it is not bounded, else 0.
-    inverse_squares: Vec3,
-    free: Vec3,
+    inverse_squares: Float3,
+    free: Float3,
     /// `(s0 / L)^2`; 1 at the eye itself, which has no direction.
     square: f32,
 }
 
-impl Ray {
+impl CentreRay {
     #[inline(always)]
-    fn new(one: &One, eye: Vec3) -> Self {
+    fn new(one: &PathGaussian, eye: Float3) -> Self {
         let norm2 = one.w * one.w + dot(one.u, one.u);
         let still = norm2 <= NO_ROTATION;
         let inverse_length = if still { 0.0 } else { 1.0 / norm2.sqrt() };
         let w = if still { 1.0 } else { one.w * inverse_length };
         let u = one.u.map(|v| v * inverse_length);
-        let to: Vec3 = std::array::from_fn(|c| one.mean[c] - eye[c]);
+        let to: Float3 = std::array::from_fn(|c| one.mean[c] - eye[c]);
         let length2 = dot(to, to);
         let inverse_distance = 1.0 / if length2 < MIN_SQUARE { MIN_SQUARE } else { length2 }.sqrt();
         let direction = to.map(|v| v * inverse_distance);
@@ -161,11 +161,11 @@ fn depth_by_opacity(depth: f32) -> f32 {
 }
 
 /// Returns the logits `[N]` as the eye sees them.
-pub fn forward(seen: &Seen<'_>) -> Vec<f32> {
+pub fn forward(seen: &PathOpacityArrays<'_>) -> Vec<f32> {
     let mut out = zeros(seen.logits.len());
     out.par_chunks_mut(PIECE).enumerate().for_each(|(piece, out)| {
         wide!(for (block, out) in out.chunks_mut(BLOCK).enumerate() {
-            let read = Block::read(seen, piece * PIECE + block * BLOCK, out.len());
+            let read = GaussianBlock::read(seen, piece * PIECE + block * BLOCK, out.len());
             let mut values = [0.0; BLOCK];
             for (lane, value) in values.iter_mut().enumerate() {
                 *value = one_forward(&read.one(lane), seen);
@@ -177,8 +177,8 @@ pub fn forward(seen: &Seen<'_>) -> Vec<f32> {
 }
 
 #[inline(always)]
-fn one_forward(one: &One, seen: &Seen<'_>) -> f32 {
-    let log_depth = depth_of(one.logit).1 + Ray::new(one, seen.eye).gain(seen.exponent);
+fn one_forward(one: &PathGaussian, seen: &PathOpacityArrays<'_>) -> f32 {
+    let log_depth = depth_of(one.logit).1 + CentreRay::new(one, seen.eye).gain(seen.exponent);
     let logit = logit_of(exp(log_depth), log_depth);
     // beyond what f32 holds: infinity, or NaN
     if log_depth < LARGEST { logit } else { log_depth * f32::INFINITY }
@@ -187,7 +187,7 @@ fn one_forward(one: &One, seen: &Seen<'_>) -> f32 {
 /// Returns the gradients of a loss whose gradient with respect to the result of [`forward`] is `grad` `[N]`: those with
 /// respect to means `[N, 3]`, rotations `[N, 4]`, log-scales `[N, 3]` and logits `[N]`. They are 0 where `grad` is, and
 /// where the result is not finite.
-pub fn backward(seen: &Seen<'_>, grad: &[f32]) -> [Vec<f32>; 4] {
+pub fn backward(seen: &PathOpacityArrays<'_>, grad: &[f32]) -> [Vec<f32>; 4] {
     let n = seen.logits.len();
     let mut out = [3, 4, 3, 1].map(|width| zeros(width * n));
     let [means, rotations, log_scales, logits] = &mut out;
@@ -198,7 +198,7 @@ pub fn backward(seen: &Seen<'_>, grad: &[f32]) -> [Vec<f32>; 4] {
     pieces.enumerate().for_each(|(piece, (((means, rotations), log_scales), logits))| {
         wide!(for start in (0..logits.len()).step_by(BLOCK) {
             let (first, count) = (piece * PIECE + start, BLOCK.min(logits.len() - start));
-            let read = Block::read(seen, first, count);
+            let read = GaussianBlock::read(seen, first, count);
             let mut by = [0.0; BLOCK];
             by[..count].copy_from_slice(&grad[first..first + count]);
             let mut slopes = [[0.0; BLOCK]; 11];
@@ -225,8 +225,8 @@ pub fn backward(seen: &Seen<'_>, grad: &[f32]) -> [Vec<f32>; 4] {
 
 /// Gradients with respect to the mean, rotation, log scales and logit of one Gaussian.
 #[inline(always)]
-fn one_backward(one: &One, seen: &Seen<'_>, grad: f32) -> [f32; 11] {
-    let ray = Ray::new(one, seen.eye);
+fn one_backward(one: &PathGaussian, seen: &PathOpacityArrays<'_>, grad: f32) -> [f32; 11] {
+    let ray = CentreRay::new(one, seen.eye);
     let (base, log_base) = depth_of(one.logit);
     let log_depth = log_base + ray.gain(seen.exponent);
     let depth = exp(log_depth);
@@ -237,8 +237,8 @@ fn one_backward(one: &One, seen: &Seen<'_>, grad: f32) -> [f32; 11] {
     // the sigmoid over the depth
     let of_base = if one.logit < SMALL { 1.0 } else { 1.0 / ((1.0 + exp(-one.logit)) * base) };
     let by_square = -0.5 * seen.exponent * by_log_depth / ray.square;
-    let by_local: Vec3 = std::array::from_fn(|c| 2.0 * by_square * ray.local[c] * ray.inverse_squares[c]);
-    let of_axes: Vec3 = std::array::from_fn(|c| ray.free[c] * by_local[c] * ray.local[c]);
+    let by_local: Float3 = std::array::from_fn(|c| 2.0 * by_square * ray.local[c] * ray.inverse_squares[c]);
+    let of_axes: Float3 = std::array::from_fn(|c| ray.free[c] * by_local[c] * ray.local[c]);
     let middle = (of_axes[0] + of_axes[1] + of_axes[2]) / 3.0;
     // the part along a direction of unit length is taken out, as is that along the unit quaternion
     let by_direction = turn(ray.w, ray.u, by_local);

@@ -41,7 +41,7 @@ fn inverse_square(apart: f32) -> f32 {
 
 /// A ray through the centre of a Gaussian.
 #[derive(CubeType)]
-struct Ray {
+struct CubeCentreRay {
     /// The inverse of the unit quaternion, and 1 over the former length, 0 for no rotation.
     w: f32,
     u: Vec3,
@@ -70,7 +70,7 @@ fn ray_of(
     eye1: f32,
     eye2: f32,
     exponent: f32,
-) -> Ray {
+) -> CubeCentreRay {
     let (qw, qx, qy, qz) = (rotations[4 * i], rotations[4 * i + 1], rotations[4 * i + 2], rotations[4 * i + 3]);
     let norm2 = qw * qw + qx * qx + qy * qy + qz * qz;
     let unturned = norm2 <= comptime!(NO_ROTATION);
@@ -94,7 +94,18 @@ fn ray_of(
     let square = l.x * l.x * a.x + l.y * l.y * a.y + l.z * l.z * a.z;
     let square = select(square == 0.0f32, 1.0f32, square);
     let gain = -0.5f32 * exponent * f32::ln(square);
-    Ray { w, u, inverse_length, direction: d, inverse_distance, local: l, apart, inverse_squares: a, square, gain }
+    CubeCentreRay {
+        w,
+        u,
+        inverse_length,
+        direction: d,
+        inverse_distance,
+        local: l,
+        apart,
+        inverse_squares: a,
+        square,
+        gain,
+    }
 }
 
 #[cube(launch)]

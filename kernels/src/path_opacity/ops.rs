@@ -1,7 +1,7 @@
 //! Opacities by path length as a differentiable op on tensors, for every backend.
 
 use super::MAX_EXPONENT;
-use super::cpu::{self, Seen};
+use super::cpu::{self, PathOpacityArrays};
 use crate::backend::CpuBackend;
 use crate::tensors::{like, op_tensors, recorded};
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
@@ -74,9 +74,21 @@ pub fn path_opacity(
 }
 
 /// Passes the arrays, borrowed where possible, to `f`.
-fn lent<B: CpuBackend, R>(inputs: &PathTensors<B>, eye: [f32; 3], exponent: f32, f: impl FnOnce(&Seen<'_>) -> R) -> R {
+fn lent<B: CpuBackend, R>(
+    inputs: &PathTensors<B>,
+    eye: [f32; 3],
+    exponent: f32,
+    f: impl FnOnce(&PathOpacityArrays<'_>) -> R,
+) -> R {
     let [means, rotations, log_scales, logits] = inputs.as_array().map(B::values);
-    f(&Seen { means: &means, rotations: &rotations, log_scales: &log_scales, logits: &logits, eye, exponent })
+    f(&PathOpacityArrays {
+        means: &means,
+        rotations: &rotations,
+        log_scales: &log_scales,
+        logits: &logits,
+        eye,
+        exponent,
+    })
 }
 
 impl<B: CpuBackend> PathOps for B {

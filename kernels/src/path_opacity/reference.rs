@@ -4,7 +4,7 @@ use crate::splat::reference::rotation_matrix;
 
 /// One Gaussian and the eye.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen {
+pub struct SeenGaussian {
     /// Position, scene units.
     pub mean: [f64; 3],
     /// Quaternion w, x, y, z of any length; of length 0 for no rotation.
@@ -20,8 +20,8 @@ pub struct Seen {
 }
 
 /// Returns the logit of the opacity as the eye sees it.
-pub fn logit(seen: &Seen) -> f64 {
-    let Seen { mean, rotation, log_scales, logit, eye, exponent } = *seen;
+pub fn logit(seen: &SeenGaussian) -> f64 {
+    let SeenGaussian { mean, rotation, log_scales, logit, eye, exponent } = *seen;
     let d: [f64; 3] = std::array::from_fn(|i| mean[i] - eye[i]);
     let distance = d.iter().map(|v| v * v).sum::<f64>().sqrt();
     let length = rotation.iter().map(|v| v * v).sum::<f64>().sqrt();

@@ -3,7 +3,7 @@
 
 use super::{GRAZING, Light, MATERIAL, MIN_SQUARE, Material};
 use crate::sh::C0;
-use crate::turn::{Vec3, dot, turn, turn_backward};
+use crate::turn::{Float3, dot, turn, turn_backward};
 use rayon::prelude::*;
 
 /// Gaussians per task.
@@ -11,7 +11,7 @@ const PIECE: usize = 1024;
 
 /// The arrays of [`super::shaded`], row-major.
 #[derive(Clone, Copy, Debug)]
-pub struct Lit<'a> {
+pub struct ShadingArrays<'a> {
     /// `[N, 3]`
     pub means: &'a [f32],
     /// `[N, 4]`
@@ -25,43 +25,43 @@ pub struct Lit<'a> {
     /// The light.
     pub light: Light,
     /// The eye, scene units.
-    pub eye: Vec3,
+    pub eye: Float3,
 }
 
 /// The shading of one Gaussian, with the values that its gradient needs.
-struct Seen {
+struct ShadedGaussian {
     w: f32,
-    u: Vec3,
-    normal: Vec3,
+    u: Float3,
+    normal: Float3,
     /// The rotated normal, scaled by the squared length of the quaternion.
-    turned: Vec3,
-    to_eye: Vec3,
+    turned: Float3,
+    to_eye: Float3,
     /// Not of unit length under a headlight.
-    to_light: Vec3,
+    to_light: Float3,
     /// Any vector along the half direction.
-    half: Vec3,
-    diffuse: Cosine,
-    highlight: Cosine,
+    half: Float3,
+    diffuse: SignedCosine,
+    highlight: SignedCosine,
     glow: f32,
     shine: f32,
 }
 
 /// The signed cosine of the angle between two vectors.
 #[derive(Clone, Copy)]
-struct Cosine {
+struct SignedCosine {
     value: f32,
     /// Squared lengths of the two vectors, at least [`MIN_SQUARE`].
     squares: [f32; 2],
 }
 
-impl Cosine {
-    fn of(a: Vec3, b: Vec3) -> Self {
+impl SignedCosine {
+    fn of(a: Float3, b: Float3) -> Self {
         let squares = [dot(a, a).max(MIN_SQUARE), dot(b, b).max(MIN_SQUARE)];
         Self { value: dot(a, b) / (squares[0].sqrt() * squares[1].sqrt()), squares }
     }
 
     /// Returns the gradients of the absolute value with respect to `a` and `b`, times `by`.
-    fn slopes(self, a: Vec3, b: Vec3, by: f32) -> [Vec3; 2] {
+    fn slopes(self, a: Float3, b: Float3, by: f32) -> [Float3; 2] {
         let sign = if self.value > 0.0 { by } else { -by };
         let sign = if self.value == 0.0 { 0.0 } else { sign };
         let across = sign / (self.squares[0].sqrt() * self.squares[1].sqrt());
@@ -73,12 +73,12 @@ impl Cosine {
     }
 }
 
-fn see(lit: &Lit<'_>, material: &Material, i: usize) -> Seen {
+fn see(lit: &ShadingArrays<'_>, material: &Material, i: usize) -> ShadedGaussian {
     let triple = |v: &[f32], at: usize| [v[at], v[at + 1], v[at + 2]];
     let (mean, normal) = (triple(lit.means, 3 * i), triple(lit.normals, 3 * i));
     let (w, u) = (lit.rotations[4 * i], triple(lit.rotations, 4 * i + 1));
     let turned = turn(w, u, normal);
-    let to_eye: Vec3 = std::array::from_fn(|c| lit.eye[c] - mean[c]);
+    let to_eye: Float3 = std::array::from_fn(|c| lit.eye[c] - mean[c]);
     let (to_light, half) = match lit.light {
         Light::Head => (to_eye, to_eye),
         Light::Far(direction) => {
@@ -86,14 +86,14 @@ fn see(lit: &Lit<'_>, material: &Material, i: usize) -> Seen {
             (to_light, std::array::from_fn(|c| view[c] + to_light[c]))
         }
     };
-    let (diffuse, highlight) = (Cosine::of(turned, to_light), Cosine::of(turned, half));
+    let (diffuse, highlight) = (SignedCosine::of(turned, to_light), SignedCosine::of(turned, half));
     let glow = material.ambient + (1.0 - material.ambient) * diffuse.value.abs();
     let shine = material.specular * highlight.value.abs().max(GRAZING).powf(material.exponent);
-    Seen { w, u, normal, turned, to_eye, to_light, half, diffuse, highlight, glow, shine }
+    ShadedGaussian { w, u, normal, turned, to_eye, to_light, half, diffuse, highlight, glow, shine }
 }
 
 /// Returns the coefficients `[N, K, 3]` whose first give the shaded colours.
-pub fn forward(lit: &Lit<'_>) -> Vec<f32> {
+pub fn forward(lit: &ShadingArrays<'_>) -> Vec<f32> {
     let n = lit.means.len() / 3;
     let width = lit.sh.len() / n.max(1);
     let material = Material::from_trained(lit.material);
@@ -103,7 +103,7 @@ pub fn forward(lit: &Lit<'_>) -> Vec<f32> {
     }
     out.par_chunks_mut(PIECE * width).enumerate().for_each(|(piece, rows)| {
         for (row, sh) in rows.chunks_exact_mut(width).enumerate() {
-            let Seen { glow, shine, .. } = see(lit, &material, piece * PIECE + row);
+            let ShadedGaussian { glow, shine, .. } = see(lit, &material, piece * PIECE + row);
             for value in &mut sh[..3] {
                 *value = ((0.5 + C0 * *value) * glow + shine - 0.5) / C0;
             }
@@ -114,7 +114,7 @@ pub fn forward(lit: &Lit<'_>) -> Vec<f32> {
 
 /// Returns the gradients of a loss whose gradient with respect to the result of [`forward`] is `grad` `[N, K, 3]`: those
 /// with respect to means `[N, 3]`, rotations `[N, 4]`, coefficients `[N, K, 3]`, normals `[N, 3]` and the material `[3]`.
-pub fn backward(lit: &Lit<'_>, grad: &[f32]) -> [Vec<f32>; 5] {
+pub fn backward(lit: &ShadingArrays<'_>, grad: &[f32]) -> [Vec<f32>; 5] {
     let n = lit.means.len() / 3;
     let width = lit.sh.len() / n.max(1);
     let material = Material::from_trained(lit.material);
@@ -152,15 +152,21 @@ pub fn backward(lit: &Lit<'_>, grad: &[f32]) -> [Vec<f32>; 5] {
 }
 
 /// Gradients with respect to the inputs of one Gaussian.
-struct Slopes {
-    mean: Vec3,
+struct ShadingGradients {
+    mean: Float3,
     rotation: [f32; 4],
-    normal: Vec3,
+    normal: Float3,
 }
 
 /// Returns the gradients of one Gaussian, and its share of the material's. `grad` is with respect to the shaded
 /// coefficients `[3]` on entry, and with respect to the `base` ones on return.
-fn slopes(seen: &Seen, material: &Material, light: Light, base: &[f32], grad: &mut [f32]) -> (Slopes, [f32; MATERIAL]) {
+fn slopes(
+    seen: &ShadedGaussian,
+    material: &Material,
+    light: Light,
+    base: &[f32],
+    grad: &mut [f32],
+) -> (ShadingGradients, [f32; MATERIAL]) {
     let Material { ambient, specular: _, exponent } = *material;
     let (mut by_glow, mut by_shine) = (0.0, 0.0);
     for (grad, base) in grad.iter_mut().zip(base) {
@@ -178,7 +184,7 @@ fn slopes(seen: &Seen, material: &Material, light: Light, base: &[f32], grad: &m
     let by_highlight = if lit { by_shine * seen.shine * exponent / highlight } else { 0.0 };
     let [a, by_light] = seen.diffuse.slopes(seen.turned, seen.to_light, by_glow * (1.0 - ambient));
     let [b, by_half] = seen.highlight.slopes(seen.turned, seen.half, by_highlight);
-    let by_eye: Vec3 = match light {
+    let by_eye: Float3 = match light {
         Light::Head => std::array::from_fn(|c| by_light[c] + by_half[c]),
         Light::Far(_) => {
             // back through the normalisation of the direction to the eye
@@ -187,10 +193,10 @@ fn slopes(seen: &Seen, material: &Material, light: Light, base: &[f32], grad: &m
             std::array::from_fn(|c| (by_half[c] - along * seen.to_eye[c]) / square.sqrt())
         }
     };
-    let d: Vec3 = std::array::from_fn(|c| a[c] + b[c]);
+    let d: Float3 = std::array::from_fn(|c| a[c] + b[c]);
     let (w, u) = (seen.w, seen.u);
     let (by_w, by_u) = turn_backward(w, u, seen.normal, d);
-    let slopes = Slopes {
+    let slopes = ShadingGradients {
         mean: by_eye.map(|v| -v),
         rotation: [by_w, by_u[0], by_u[1], by_u[2]],
         // the inverse rotation
@@ -199,7 +205,7 @@ fn slopes(seen: &Seen, material: &Material, light: Light, base: &[f32], grad: &m
     (slopes, of_material)
 }
 
-fn unit(v: Vec3) -> Vec3 {
+fn unit(v: Float3) -> Float3 {
     let length = dot(v, v).max(MIN_SQUARE).sqrt();
     v.map(|c| c / length)
 }

@@ -65,7 +65,7 @@ pub enum Light {
 
 /// Shading parameters of a set of Gaussians.
 #[derive(Clone, Debug)]
-pub struct Shading {
+pub struct GaussianShading {
     /// Normals in the Gaussians' own frames `[N, 3]`; their lengths do not matter.
     pub normals: Tensor<2>,
     /// The material of all Gaussians, as [`Material::to_trained`] `[3]`.
@@ -81,7 +81,13 @@ pub struct Shading {
 ///
 /// # Panics
 /// If the shapes disagree.
-pub fn shaded(means: Tensor<2>, rotations: Tensor<2>, sh: Tensor<3>, shading: &Shading, eye: [f32; 3]) -> Tensor<3> {
+pub fn shaded(
+    means: Tensor<2>,
+    rotations: Tensor<2>,
+    sh: Tensor<3>,
+    shading: &GaussianShading,
+    eye: [f32; 3],
+) -> Tensor<3> {
     let [n, _, _] = sh.dims();
     assert_eq!(means.dims(), [n, 3], "shaded: means are [N, 3] with N = {n}");
     assert_eq!(rotations.dims(), [n, 4], "shaded: rotations are [N, 4] with N = {n}");
@@ -107,7 +113,13 @@ fn is_gpu(_: &Device) -> bool {
 }
 
 /// [`shaded`] by tensor operations.
-fn composed(means: Tensor<2>, rotations: Tensor<2>, sh: Tensor<3>, shading: &Shading, eye: [f32; 3]) -> Tensor<3> {
+fn composed(
+    means: Tensor<2>,
+    rotations: Tensor<2>,
+    sh: Tensor<3>,
+    shading: &GaussianShading,
+    eye: [f32; 3],
+) -> Tensor<3> {
     let [n, k, _] = sh.dims();
     let device = means.device();
     let place = |v: [f32; 3]| Tensor::<2>::from_data(TensorData::new(v.to_vec(), [1, 3]), &device);
@@ -174,7 +186,7 @@ mod tests {
         let material = Material { ambient: 0.2, specular: 0.4, exponent: 8.0 }.to_trained().to_vec();
         let material = Tensor::from_data(TensorData::new(material, [MATERIAL]), &device);
         for light in [Light::Head, Light::Far([0.5, -1.0, 0.2])] {
-            let shading = Shading { normals: rows(1, 3), material: material.clone(), light };
+            let shading = GaussianShading { normals: rows(1, 3), material: material.clone(), light };
             let sh = rows(2, 12).reshape([50, 4, 3]);
             let (means, rotations, eye) = (rows(3, 3), rows(4, 4), [0.1, 3.0, -2.0]);
             let fused = ops::fused(means.clone(), rotations.clone(), sh.clone(), &shading, eye);

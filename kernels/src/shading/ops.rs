@@ -1,7 +1,7 @@
 //! Shading as a differentiable op of the backends in host memory.
 
-use super::cpu::{self, Lit};
-use super::{Light, Shading};
+use super::cpu::{self, ShadingArrays};
+use super::{GaussianShading, Light};
 use crate::backend::CpuBackend;
 use crate::tensors::{like, op_tensors, recorded};
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
@@ -49,7 +49,7 @@ pub(super) fn fused(
     means: Tensor<2>,
     rotations: Tensor<2>,
     sh: Tensor<3>,
-    shading: &Shading,
+    shading: &GaussianShading,
     eye: [f32; 3],
 ) -> Tensor<3> {
     let inputs = ShadeTensors {
@@ -63,9 +63,14 @@ pub(super) fn fused(
 }
 
 /// Passes the arrays, borrowed where possible, to `f`.
-fn lent<B: CpuBackend, R>(inputs: &ShadeTensors<B>, light: Light, eye: [f32; 3], f: impl FnOnce(&Lit<'_>) -> R) -> R {
+fn lent<B: CpuBackend, R>(
+    inputs: &ShadeTensors<B>,
+    light: Light,
+    eye: [f32; 3],
+    f: impl FnOnce(&ShadingArrays<'_>) -> R,
+) -> R {
     let [means, rotations, sh, normals, material] = inputs.as_array().map(B::values);
-    let lit = Lit {
+    let lit = ShadingArrays {
         means: &means,
         rotations: &rotations,
         sh: &sh,

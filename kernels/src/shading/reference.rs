@@ -5,7 +5,7 @@ use crate::splat::reference::rotation_matrix;
 
 /// One Gaussian and its lighting.
 #[derive(Clone, Copy, Debug)]
-pub struct Lit {
+pub struct LitGaussian {
     /// Position, scene units.
     pub mean: [f64; 3],
     /// Quaternion w, x, y, z of any length.
@@ -23,7 +23,7 @@ pub struct Lit {
 }
 
 /// Returns the shaded colour, without the remainder in other coefficients.
-pub fn colour(lit: &Lit) -> [f64; 3] {
+pub fn colour(lit: &LitGaussian) -> [f64; 3] {
     let normal = unit(rotate(lit.rotation, lit.normal));
     let to_eye = unit(std::array::from_fn(|i| lit.eye[i] - lit.mean[i]));
     let (to_light, half) = match lit.light {

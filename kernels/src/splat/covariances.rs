@@ -1,7 +1,7 @@
 //! Splatting of Gaussians whose covariances are given entry by entry, not by a rotation and scales: the result of
 //! taking a higher-dimensional Gaussian at a given time, or of a linear map of a Gaussian.
 
-use super::{CovarianceTensors, SplatSettings, SplatTensors, Splatted, check_common, offsets_or_zeros, render};
+use super::{CovarianceTensors, SplatOutput, SplatSettings, SplatTensors, check_common, offsets_or_zeros, render};
 use burn::backend::Dispatch;
 use burn::tensor::Tensor;
 
@@ -41,7 +41,7 @@ impl CovarianceInputs {
 ///
 /// # Panics
 /// As [`super::splat`].
-pub fn splat_covariances(inputs: CovarianceInputs, settings: SplatSettings) -> Splatted {
+pub fn splat_covariances(inputs: CovarianceInputs, settings: SplatSettings) -> SplatOutput {
     let n = inputs.means.dims()[0];
     assert_eq!(inputs.covariances.dims(), [n, 6], "splat: covariances are [N, 6] with N = {n}");
     assert!(settings.rendering.path_opacity == 0.0, "splat: path_opacity needs rotations and scales, not covariances");

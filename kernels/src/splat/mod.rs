@@ -30,7 +30,7 @@ mod views;
 
 use crate::path_opacity::path_opacity;
 use crate::sh::Bands;
-use crate::shading::{Shading, shaded};
+use crate::shading::{GaussianShading, shaded};
 use burn::backend::tensor::{FloatTensor, IntTensor};
 use burn::backend::{Backend, Dispatch, ExtensionType, backend_extension};
 use burn::tensor::{Int, Tensor};
@@ -149,7 +149,7 @@ pub trait SplatBackwardOps: Backend {
 
 /// A rendered view.
 #[derive(Clone, Debug)]
-pub struct Splatted {
+pub struct SplatOutput {
     /// Colour over the background and alpha, `[H, W, 4]`, differentiable.
     pub image: Tensor<3>,
     /// Radius on screen in pixels, 0 for Gaussians that were not drawn, `[N]`.
@@ -173,7 +173,7 @@ pub struct SplatInputs {
     /// that densification needs. `None` if it is not needed.
     pub screen_offsets: Option<Tensor<2>>,
     /// Shading of the first coefficients, which are then base colours; `None` if they are the final colours.
-    pub shading: Option<Shading>,
+    pub shading: Option<GaussianShading>,
 }
 
 impl SplatInputs {
@@ -261,13 +261,13 @@ fn offsets_or_zeros(offsets: Option<Tensor<2>>, means: &Tensor<2>) -> Tensor<2> 
     offsets.unwrap_or_else(|| Tensor::zeros([means.dims()[0], 2], &means.device()))
 }
 
-/// Renders Gaussians through a camera, with their [`Shading`] applied if they have one, and with the opacities that the
-/// camera sees.
+/// Renders Gaussians through a camera, with their [`GaussianShading`] applied if they have one, and with the opacities
+/// that the camera sees.
 ///
 /// # Panics
 /// If the shapes disagree, `sh` holds fewer coefficients than the degree in use needs, or the settings are out of
 /// range: all are errors of the calling program, never of the data.
-pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> Splatted {
+pub fn splat(inputs: SplatInputs, settings: SplatSettings) -> SplatOutput {
     inputs.check(&settings);
     render(inputs.seen(&settings).into_tensors(), settings)
 }
@@ -317,7 +317,7 @@ fn check_common(
     }
 }
 
-fn render(tensors: SplatTensors<Dispatch>, settings: SplatSettings) -> Splatted {
+fn render(tensors: SplatTensors<Dispatch>, settings: SplatSettings) -> SplatOutput {
     let out = Dispatch::splat_forward(tensors, settings, false);
-    Splatted { image: Tensor::from_dispatch(out.image), radii: Tensor::from_dispatch(out.radii) }
+    SplatOutput { image: Tensor::from_dispatch(out.image), radii: Tensor::from_dispatch(out.radii) }
 }

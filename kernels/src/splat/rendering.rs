@@ -1,7 +1,7 @@
 //! How Gaussians are drawn: everything about a picture that is not a tensor.
 
 use super::{DILATION, MAX_DILATION};
-use crate::Camera;
+use crate::PinholeCamera;
 use crate::path_opacity::MAX_EXPONENT;
 
 /// How Gaussians are drawn, beside the camera: in the same way as in training. The default is that of 3DGS, of degree 0
@@ -31,14 +31,14 @@ impl Default for Rendering {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SplatSettings {
     /// The camera, with the image size.
-    pub camera: Camera,
+    pub camera: PinholeCamera,
     /// How Gaussians are drawn.
     pub rendering: Rendering,
 }
 
 impl Rendering {
     /// The settings for the view of `camera`.
-    pub fn seen_by(self, camera: Camera) -> SplatSettings {
+    pub fn seen_by(self, camera: PinholeCamera) -> SplatSettings {
         SplatSettings { camera, rendering: self }
     }
 

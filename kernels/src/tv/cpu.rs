@@ -24,14 +24,14 @@ pub enum TvKind {
 
 /// Reduction of the squared differences of each tensor (of a plane: along each of its axes separately).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TvReduction {
+pub enum DifferenceReduction {
     /// Their mean.
     Mean,
     /// Their sum (paper eq. 6).
     Sum,
 }
 
-impl TvReduction {
+impl DifferenceReduction {
     /// Returns the factor of each of `count` squared differences in a penalty of weight `weight`; 0 if there are none.
     fn factor(self, weight: f32, count: usize) -> f32 {
         match (self, count) {
@@ -54,7 +54,7 @@ pub struct TvWeights {
     /// Mean |1 - g| of every time tensor.
     pub one_prior_time: f32,
     /// Whether differences contribute their mean or their sum; |1 - g| always contributes its mean.
-    pub reduction: TvReduction,
+    pub reduction: DifferenceReduction,
 }
 
 impl TvWeights {
@@ -74,7 +74,7 @@ impl TvWeights {
 #[derive(Clone, Copy)]
 pub(super) struct Terms {
     kind: TvKind,
-    reduction: TvReduction,
+    reduction: DifferenceReduction,
     weight: f32,
     prior: f32,
 }
@@ -88,7 +88,7 @@ impl Terms {
             TvKind::First => (factor((span.height - 1) * row), factor(span.height * (span.width - 1) * channels)),
             TvKind::Second => (factor(span.height.saturating_sub(2) * row), 0.0),
         };
-        Factors { slow, fast, prior: TvReduction::Mean.factor(self.prior, span.height * row) }
+        Factors { slow, fast, prior: DifferenceReduction::Mean.factor(self.prior, span.height * row) }
     }
 }
 
@@ -140,7 +140,7 @@ pub fn tv(params: FieldParams<'_>, shape: &FieldShape, kind: TvKind, weights: Tv
 }
 
 fn push_tasks<'a>(
-    tasks: &mut Vec<Rows<'a>>,
+    tasks: &mut Vec<TvRows<'a>>,
     spans: &[TensorSpan],
     channels: usize,
     terms: Terms,
@@ -156,13 +156,13 @@ fn push_tasks<'a>(
         let factors = terms.factors(span, channels);
         let rows = (TASK / row).max(1);
         for (index, grad) in own.chunks_mut(rows * row).enumerate() {
-            tasks.push(Rows { data, first: index * rows, row, channels, kind: terms.kind, factors, grad });
+            tasks.push(TvRows { data, first: index * rows, row, channels, kind: terms.kind, factors, grad });
         }
     }
 }
 
 /// Some rows of one tensor `[height, width, R]`.
-struct Rows<'a> {
+struct TvRows<'a> {
     data: &'a [f32],
     first: usize,
     /// Elements per row, `width * R`.
@@ -173,7 +173,7 @@ struct Rows<'a> {
     grad: &'a mut [f32],
 }
 
-impl Rows<'_> {
+impl TvRows<'_> {
     /// Returns the penalty and adds its gradient.
     #[inline(always)]
     fn run(self) -> f64 {

@@ -10,5 +10,5 @@ pub mod reference;
 #[cfg(test)]
 mod tests;
 
-pub use cpu::{TvGrads, TvKind, TvReduction, TvWeights, tv};
+pub use cpu::{DifferenceReduction, TvGrads, TvKind, TvWeights, tv};
 pub use ops::{TvForward, TvOps, total_variation};

@@ -1,6 +1,6 @@
 //! Total variation and one-prior as plain f64 loops: the oracle of the fast kernel, gradient included.
 
-use super::cpu::{TvKind, TvReduction};
+use super::cpu::{DifferenceReduction, TvKind};
 use crate::field::TensorSpan;
 
 /// Returns the penalty of one kind of tensor: `weight` times the mean or sum of the squared differences and `prior`
@@ -10,7 +10,7 @@ pub fn tv(
     spans: &[TensorSpan],
     channels: usize,
     kind: TvKind,
-    reduction: TvReduction,
+    reduction: DifferenceReduction,
     weight: f64,
     prior: f64,
     grad: &mut [f64],
@@ -27,8 +27,8 @@ pub fn tv(
             let (_, dy, dx) = stencil[stencil.len() - 1];
             let (height, width) = (span.height.saturating_sub(dy), span.width.saturating_sub(dx));
             let count = match reduction {
-                TvReduction::Mean => (height * width * channels) as f64,
-                TvReduction::Sum => 1.0,
+                DifferenceReduction::Mean => (height * width * channels) as f64,
+                DifferenceReduction::Sum => 1.0,
             };
             for y in 0..height {
                 for x in 0..width {

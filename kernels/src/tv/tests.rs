@@ -1,4 +1,4 @@
-use super::{TvGrads, TvKind, TvReduction, TvWeights, reference, tv};
+use super::{DifferenceReduction, TvGrads, TvKind, TvWeights, reference, tv};
 use crate::field::{FieldParams, FieldShape, LevelShape};
 use proptest::prelude::*;
 
@@ -22,10 +22,15 @@ fn shape(levels: &[[usize; 3]], time_knots: usize, channels: usize) -> FieldShap
     FieldShape { levels: levels.collect(), time_knots, channels }
 }
 
-const WEIGHTS: TvWeights =
-    TvWeights { space: 0.7, time: 0.3, one_prior_space: 0.2, one_prior_time: 0.5, reduction: TvReduction::Mean };
+const WEIGHTS: TvWeights = TvWeights {
+    space: 0.7,
+    time: 0.3,
+    one_prior_space: 0.2,
+    one_prior_time: 0.5,
+    reduction: DifferenceReduction::Mean,
+};
 /// The same with sums, and smaller, so that gradients stay near 1.
-const SUMS: TvWeights = TvWeights { space: 0.07, time: 0.03, reduction: TvReduction::Sum, ..WEIGHTS };
+const SUMS: TvWeights = TvWeights { space: 0.07, time: 0.03, reduction: DifferenceReduction::Sum, ..WEIGHTS };
 
 /// Parameters of all three kinds.
 fn params(shape: &FieldShape, seed: u64) -> [Vec<f32>; 3] {
@@ -118,7 +123,7 @@ fn a_field_of_ones_costs_nothing_and_a_ramp_only_its_slope() {
     assert_eq!(fast(&shape, &ramp, TvKind::First, w).0, 3.0);
     assert_eq!(fast(&shape, &ramp, TvKind::Second, w).0, 0.0);
     // 4 steps of 1 in 8 channels
-    let summed = TvWeights { reduction: TvReduction::Sum, ..w };
+    let summed = TvWeights { reduction: DifferenceReduction::Sum, ..w };
     assert_eq!(fast(&shape, &ramp, TvKind::First, summed).0, 3.0 * 32.0);
 }
 

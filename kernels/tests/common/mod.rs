@@ -2,9 +2,9 @@
 #![allow(dead_code, deprecated, missing_docs, clippy::unwrap_used)]
 
 use burn::tensor::{Device, Tensor, TensorData};
-use volseggs_kernels::Camera;
+use volseggs_kernels::PinholeCamera;
 use volseggs_kernels::sh::Bands;
-use volseggs_kernels::splat::{CovarianceInputs, Rendering, SplatInputs, SplatSettings, reference::Scene};
+use volseggs_kernels::splat::{CovarianceInputs, Rendering, SplatInputs, SplatSettings, reference::ReferenceScene};
 use volseggs_kernels::splat::{splat, splat_covariances};
 use volseggs_testing::skip_device;
 
@@ -97,9 +97,9 @@ pub fn noise(seed: u64, len: usize) -> Vec<f32> {
 }
 
 /// A small pinhole camera at distance 4 on the -z axis, looking at the origin.
-pub fn camera(width: usize, height: usize) -> Camera {
+pub fn camera(width: usize, height: usize) -> PinholeCamera {
     let f = 0.5 * width.max(height) as f32 / (15f32).to_radians().tan();
-    Camera {
+    PinholeCamera {
         width,
         height,
         fx: f,
@@ -133,14 +133,14 @@ pub fn highest_degree(coefficients: usize) -> usize {
 }
 
 /// Returns `n` random Gaussians in a ball of radius about 1, with colours of `degree`.
-pub fn random_scene(n: usize, degree: usize, seed: u64) -> Scene {
+pub fn random_scene(n: usize, degree: usize, seed: u64) -> ReferenceScene {
     random_scene_of(n, (degree + 1) * (degree + 1), seed)
 }
 
 /// As [`random_scene`], with one of [`COEFFICIENTS`].
-pub fn random_scene_of(n: usize, stride: usize, seed: u64) -> Scene {
+pub fn random_scene_of(n: usize, stride: usize, seed: u64) -> ReferenceScene {
     let mut r = Numbers(seed);
-    Scene {
+    ReferenceScene {
         means: (0..3 * n).map(|_| 0.4 * r.normal()).collect(),
         rotations: (0..4 * n).map(|_| r.normal()).collect(),
         log_scales: (0..3 * n).map(|_| -2.6 + 0.5 * r.normal()).collect(),
@@ -153,7 +153,7 @@ pub fn random_scene_of(n: usize, stride: usize, seed: u64) -> Scene {
 }
 
 /// A field of a scene, or of its gradient.
-pub type Field = fn(&mut Scene) -> &mut Vec<f64>;
+pub type Field = fn(&mut ReferenceScene) -> &mut Vec<f64>;
 
 /// The fields that have a gradient, in the order of [`gradients`].
 pub const FIELDS: [(&str, Field); 6] = [
@@ -175,12 +175,12 @@ pub const COVARIANCE_FIELDS: [(&str, Field); 5] = [
 ];
 
 /// Returns the fields of this scene that have a gradient.
-pub fn fields(scene: &Scene) -> &'static [(&'static str, Field)] {
+pub fn fields(scene: &ReferenceScene) -> &'static [(&'static str, Field)] {
     if scene.covariances.is_empty() { &FIELDS } else { &COVARIANCE_FIELDS }
 }
 
 /// Returns the same scene with covariances `R S S^T R^T` in place of rotations and scales, which become NaN.
-pub fn by_covariances(mut scene: Scene) -> Scene {
+pub fn by_covariances(mut scene: ReferenceScene) -> ReferenceScene {
     let rows = scene.rotations.chunks_exact(4).zip(scene.log_scales.chunks_exact(3));
     scene.covariances = rows.flat_map(|(q, s)| covariance([q[0], q[1], q[2], q[3]], [s[0], s[1], s[2]])).collect();
     scene.rotations.fill(f64::NAN);
@@ -208,7 +208,7 @@ pub fn covariance(quaternion: [f64; 4], log_scales: [f64; 3]) -> [f64; 6] {
 
 /// Converts gradients in the order of [`COVARIANCE_FIELDS`] to those with respect to the rotations and scales of
 /// `scene`, in the order of [`FIELDS`]: the chain rule, with difference quotients of [`covariance`].
-pub fn to_factors(scene: &Scene, gradients: &[Vec<f64>]) -> Vec<Vec<f64>> {
+pub fn to_factors(scene: &ReferenceScene, gradients: &[Vec<f64>]) -> Vec<Vec<f64>> {
     const STEP: f64 = 1e-3;
     let [means, by_entries, opacity_logits, sh, offsets] = gradients else { panic!("five gradients") };
     let (mut rotations, mut log_scales) = (Vec::new(), Vec::new());
@@ -231,14 +231,14 @@ pub fn to_factors(scene: &Scene, gradients: &[Vec<f64>]) -> Vec<Vec<f64>> {
 }
 
 /// Rounds the scene to f32, as the kernels receive it, so that it is the same for them and for the reference.
-pub fn rounded(mut scene: Scene) -> Scene {
+pub fn rounded(mut scene: ReferenceScene) -> ReferenceScene {
     for (_, field) in fields(&scene) {
         field(&mut scene).iter_mut().for_each(|v| *v = f64::from(*v as f32));
     }
     scene
 }
 
-pub fn settings(camera: Camera, sh_degree: usize) -> SplatSettings {
+pub fn settings(camera: PinholeCamera, sh_degree: usize) -> SplatSettings {
     Rendering { background: [0.1, 0.2, 0.3], sh_degree, ..Rendering::default() }.seen_by(camera)
 }
 
@@ -247,7 +247,7 @@ fn f32s(v: &[f64]) -> Vec<f32> {
 }
 
 /// Returns the scene as tensors on `device`; [`require_grad`] makes them record gradients.
-pub fn inputs(scene: &Scene, device: &Device) -> SplatInputs {
+pub fn inputs(scene: &ReferenceScene, device: &Device) -> SplatInputs {
     let n = scene.opacity_logits.len();
     let k = scene.sh_stride;
     let rows = |values: &[f64], width| Tensor::from_data(TensorData::new(f32s(values), [n, width]), device);
@@ -259,7 +259,7 @@ pub fn inputs(scene: &Scene, device: &Device) -> SplatInputs {
 }
 
 /// As [`inputs`], for a scene with covariances.
-pub fn covariance_inputs(scene: &Scene, device: &Device) -> CovarianceInputs {
+pub fn covariance_inputs(scene: &ReferenceScene, device: &Device) -> CovarianceInputs {
     let n = scene.opacity_logits.len();
     let SplatInputs { means, opacity_logits, sh, screen_offsets, .. } = inputs(scene, device);
     let covariances = Tensor::from_data(TensorData::new(f32s(&scene.covariances), [n, 6]), device);
@@ -267,7 +267,7 @@ pub fn covariance_inputs(scene: &Scene, device: &Device) -> CovarianceInputs {
 }
 
 /// Renders the image `[H, W, 4]` of the scene with the op on `device`.
-pub fn image(scene: &Scene, settings: SplatSettings, device: &Device) -> Vec<f32> {
+pub fn image(scene: &ReferenceScene, settings: SplatSettings, device: &Device) -> Vec<f32> {
     let out = if scene.covariances.is_empty() {
         splat(inputs(scene, device), settings)
     } else {
@@ -294,7 +294,7 @@ pub fn to_vec<const D: usize>(t: Tensor<D>) -> Vec<f32> {
 
 /// Returns the image, and the gradients of `sum(image * weights)` in the order of [`fields`].
 pub fn gradients(
-    scene: &Scene,
+    scene: &ReferenceScene,
     settings: SplatSettings,
     weights: &[f32],
     device: &Device,

@@ -3,11 +3,11 @@
 mod values;
 
 use super::values::{count, finite_f32, not_negative_f32, point, positive_f32};
-use super::{CliError, Common, print_json};
+use super::{CliError, CommonArgs, print_json};
 use crate::data::calibration::PhysicalSpace;
 use crate::edit::{Edit, EditStack, Operation};
-use crate::files::Work;
-use crate::run::segments::Towards;
+use crate::files::LockDuration;
+use crate::run::segments::HistoryDirection;
 use crate::run::{OpenRun, RunError, edits};
 use crate::versioned::Versioned;
 use clap::{Args, Subcommand};
@@ -27,11 +27,11 @@ pub struct EditArgs {
 
 /// The run, and how results are printed.
 #[derive(Debug, Args)]
-struct Target {
+struct EditedRun {
     /// Folder of the run.
     run: PathBuf,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 /// The segments of a run to edit.
@@ -41,19 +41,19 @@ struct Targets {
     #[arg(long = "segment", value_name = "NAME", required = true)]
     segments: Vec<String>,
     #[command(flatten)]
-    target: Target,
+    target: EditedRun,
 }
 
 /// The units of lengths and positions.
 #[derive(Debug, Clone, Copy, Args)]
-struct Units {
+struct UnitArgs {
     /// Lengths and positions are in scene units, as in edits.json, and not in those of the data; runs whose data have
     /// no known units always take scene units.
     #[arg(long)]
     scene_units: bool,
 }
 
-impl Units {
+impl UnitArgs {
     /// The space in which lengths and positions are given; `None` for that of the scene.
     fn space(self, run: &OpenRun) -> Option<&PhysicalSpace> {
         run.calibration().space.as_ref().filter(|_| !self.scene_units)
@@ -116,7 +116,7 @@ enum EditCommand {
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
         by: DVec3,
         #[command(flatten)]
-        units: Units,
+        units: UnitArgs,
         #[command(flatten)]
         targets: Targets,
     },
@@ -133,7 +133,7 @@ enum EditCommand {
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
         about: Option<DVec3>,
         #[command(flatten)]
-        units: Units,
+        units: UnitArgs,
         #[command(flatten)]
         targets: Targets,
     },
@@ -147,7 +147,7 @@ enum EditCommand {
         #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
         about: Option<DVec3>,
         #[command(flatten)]
-        units: Units,
+        units: UnitArgs,
         #[command(flatten)]
         targets: Targets,
     },
@@ -158,7 +158,7 @@ enum EditCommand {
         #[arg(long, default_value_t = 1, value_parser = count)]
         count: usize,
         #[command(flatten)]
-        target: Target,
+        target: EditedRun,
     },
     /// Redo the edits that were undone last.
     #[command(after_help = "Example:\n  volseggs edit redo RUN")]
@@ -167,14 +167,14 @@ enum EditCommand {
         #[arg(long, default_value_t = 1, value_parser = count)]
         count: usize,
         #[command(flatten)]
-        target: Target,
+        target: EditedRun,
     },
     /// List the edits in order, then the undone ones.
     #[command(after_help = "Example:\n  volseggs edit list RUN --json")]
-    List(Target),
+    List(EditedRun),
     /// Delete all edits, including undone ones, even if the file cannot be read; redo cannot restore them.
     #[command(after_help = "Example:\n  volseggs edit clear RUN")]
-    Clear(Target),
+    Clear(EditedRun),
 }
 
 impl EditArgs {
@@ -198,8 +198,8 @@ impl EditArgs {
             EditCommand::Scale { targets, factor, about, units } => {
                 targets.edit(|run| Operation::Scale { factor, about: about.map(|at| units.position(run, at)) })
             }
-            EditCommand::Undo { target, count } => target.change(|run| edits::step(run, Towards::Undo, count)),
-            EditCommand::Redo { target, count } => target.change(|run| edits::step(run, Towards::Redo, count)),
+            EditCommand::Undo { target, count } => target.change(|run| edits::step(run, HistoryDirection::Undo, count)),
+            EditCommand::Redo { target, count } => target.change(|run| edits::step(run, HistoryDirection::Redo, count)),
             EditCommand::List(target) => {
                 let run = target.common.open(&target.run)?;
                 target.print(&run, &run.edits()?)
@@ -222,10 +222,10 @@ impl Targets {
     }
 }
 
-impl Target {
+impl EditedRun {
     /// Changes the edits and prints them.
     fn change(&self, change: impl FnOnce(&OpenRun) -> Result<EditStack, RunError>) -> Result<(), CliError> {
-        let run = self.common.open_to_write(&self.run, Work::Short)?;
+        let run = self.common.open_to_write(&self.run, LockDuration::Short)?;
         self.print(&run, &change(&run)?)
     }
 

@@ -6,7 +6,7 @@ use crate::export::exporters::FieldWriter;
 use crate::export::fields::FieldVolume;
 use crate::log::progress;
 use crate::run::OpenRun;
-use crate::run::export::{Output, Record};
+use crate::run::export::{ExportOutput, ExportRecord};
 use crate::run::fields::{FieldKind, FieldPlan, RunFields};
 use serde_json::json;
 
@@ -34,7 +34,7 @@ pub(super) fn run(
     fields.notes.iter().for_each(|note| errln!("note: {note}"));
     let mut needed = vec![run.path.as_path(), fields.data.as_path()];
     needed.extend(plan.like.as_deref());
-    let output = Output::new(out, extension, args.frames.is_some(), &needed)?;
+    let output = ExportOutput::new(out, extension, args.frames.is_some(), &needed)?;
     let known = &fields.calibration;
     let bar = progress::bar(times.len(), "times");
     let (mut files, mut channels) = (Vec::new(), Vec::new());
@@ -56,7 +56,7 @@ pub(super) fn run(
         bar.inc(1);
     }
     bar.finish_and_clear();
-    output.finish(&Record::new(run, extension, &times, plan.edited, &plan.segments), &needed)?;
+    output.finish(&ExportRecord::new(run, extension, &times, plan.edited, &plan.segments), &needed)?;
     let grid = fields.grid.file;
     let [x, y, z] = grid.dims;
     errln!(

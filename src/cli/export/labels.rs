@@ -8,9 +8,9 @@ use crate::data::calibration::AxisConvention;
 use crate::export::exporters::LabelWriter;
 use crate::log::progress;
 use crate::run::OpenRun;
-use crate::run::export::{Output, Record, write_labels};
+use crate::run::export::{ExportOutput, ExportRecord, write_labels};
 use crate::run::fields::FieldPlan;
-use crate::run::labels::{Agreement, LabelPlan, Labelled, Labels, Truth};
+use crate::run::labels::{Agreement, LabelPlan, LabelTruth, RunLabels, VoxelLabels};
 use crate::segment::dice::Confusion;
 use crate::volume::directions::Directions;
 use crate::volume::grid::Grid;
@@ -110,7 +110,7 @@ fn voxels(text: &str) -> Result<[usize; 3], String> {
 }
 
 #[derive(Serialize)]
-struct Report {
+struct LabelExportReport {
     dims: [usize; 3],
     spacing: [f64; 3],
     origin: [f64; 3],
@@ -122,21 +122,21 @@ struct Report {
     unit: Option<String>,
     /// Whether the edits of the run are applied.
     edited: bool,
-    labels: Vec<Label>,
-    volumes: Vec<Written>,
+    labels: Vec<NamedValue>,
+    volumes: Vec<WrittenLabels>,
     /// Over all times.
     #[serde(skip_serializing_if = "Option::is_none")]
     agreement: Option<Agreement>,
 }
 
 #[derive(Serialize)]
-struct Label {
+struct NamedValue {
     value: u16,
     name: String,
 }
 
 #[derive(Serialize)]
-struct Written {
+struct WrittenLabels {
     file: String,
     time: f64,
     /// Voxels of each label, in the order of `labels`.
@@ -162,11 +162,11 @@ pub(super) fn run(
     if options.space.is_some() && !states_space {
         return Err(CliError::input("--space: only NRRD files store it; omit it, or write .nrrd"));
     }
-    let labels = Labels::new(run, &options.plan(args.shown.segments.clone()))?;
+    let labels = RunLabels::new(run, &options.plan(args.shown.segments.clone()))?;
     let times = args.times(run)?;
     let truth = match options.truth.as_slice() {
         [] => None,
-        inputs => Some(Truth::open(inputs, &labels.grid, &labels.data, &times)?),
+        inputs => Some(LabelTruth::open(inputs, &labels.grid, &labels.data, &times)?),
     };
     labels.notes.iter().for_each(|note| errln!("note: {note}"));
     truth.iter().flat_map(|truth| truth.notes()).for_each(|note| errln!("note: {note}"));
@@ -176,13 +176,13 @@ pub(super) fn run(
 
     let mut needed = vec![run.path.as_path(), labels.data.as_path()];
     needed.extend(options.like.as_deref());
-    needed.extend(truth.iter().flat_map(Truth::files));
+    needed.extend(truth.iter().flat_map(LabelTruth::files));
     let output = output(args, run, extension, &needed)?;
     let bar = progress::bar(times.len(), "times");
     let mut volumes = Vec::with_capacity(times.len());
     let mut whole = Confusion::default();
     for (i, &time) in times.iter().enumerate() {
-        let Labelled { ids, shares } = labels.labels_at(time)?;
+        let VoxelLabels { ids, shares } = labels.labels_at(time)?;
         let (path, name) = output.paths_of(i);
         write_labels(&path, &labels, &ids, options.edited, write, space)?;
         let mut agreement = None;
@@ -192,7 +192,7 @@ pub(super) fn run(
             whole.merge(&pairs);
         }
         let file = name.display().to_string();
-        volumes.push(Written {
+        volumes.push(WrittenLabels {
             file,
             time,
             voxels: count(&ids, labels.names.len()),
@@ -202,23 +202,39 @@ pub(super) fn run(
         bar.inc(1);
     }
     bar.finish_and_clear();
-    output.finish(&Record::new(run, extension, &times, options.edited, &labels.names), &needed)?;
+    output.finish(&ExportRecord::new(run, extension, &times, options.edited, &labels.names), &needed)?;
     let agreement = truth.map(|truth| truth.agreement(&whole, &labels.names));
     let (Grid { dims, spacing, origin, directions }, axes) = labels.grid.stated(space);
     let (orientation, unit) = (directions.code(axes), labels.grid.unit.clone());
-    let labels = labels.listed.iter().map(|l| Label { value: l.value, name: l.name.clone() }).collect();
+    let labels = labels.listed.iter().map(|l| NamedValue { value: l.value, name: l.name.clone() }).collect();
     let edited = options.edited;
-    let found =
-        Report { dims, spacing, origin, directions, orientation, axes, unit, edited, labels, volumes, agreement };
+    let found = LabelExportReport {
+        dims,
+        spacing,
+        origin,
+        directions,
+        orientation,
+        axes,
+        unit,
+        edited,
+        labels,
+        volumes,
+        agreement,
+    };
     if args.common.json { print_json(&found) } else { print(&found) }
 }
 
 /// The given output path, or one in `RUN/labels`, which is created.
-fn output(args: &ExportArgs, run: &OpenRun, extension: &'static str, needed: &[&Path]) -> Result<Output, CliError> {
+fn output(
+    args: &ExportArgs,
+    run: &OpenRun,
+    extension: &'static str,
+    needed: &[&Path],
+) -> Result<ExportOutput, CliError> {
     let many = args.frames.is_some();
     Ok(match &args.out {
-        Some(out) => Output::new(out, extension, many, needed)?,
-        None => Output::within(&run.paths().labels(), "labels", extension, many, needed)?,
+        Some(out) => ExportOutput::new(out, extension, many, needed)?,
+        None => ExportOutput::within(&run.paths().labels(), "labels", extension, many, needed)?,
     })
 }
 
@@ -242,7 +258,7 @@ fn count(ids: &[u16], labels: usize) -> Vec<u64> {
     counts.split_off(1)
 }
 
-fn print(found: &Report) -> Result<(), CliError> {
+fn print(found: &LabelExportReport) -> Result<(), CliError> {
     let [x, y, z] = found.dims;
     let state = if found.edited { "as edited" } else { "as trained" };
     errln!(
@@ -253,7 +269,7 @@ fn print(found: &Report) -> Result<(), CliError> {
         found.unit.as_deref().unwrap_or("unknown")
     );
     for volume in &found.volumes {
-        let share = |((label, n), share): ((&Label, &u64), &Option<f64>)| match share {
+        let share = |((label, n), share): ((&NamedValue, &u64), &Option<f64>)| match share {
             Some(share) => format!("{} {n} ({:.0} % of its content)", label.name, 100.0 * share),
             None => format!("{} {n}", label.name),
         };

@@ -8,12 +8,12 @@ use super::data::DataArgs;
 use super::shown::ShownArgs;
 use super::time::TimeArg;
 use super::values::count;
-use super::{CliError, Common, command_line};
+use super::{CliError, CommonArgs, command_line};
 use crate::export::exporters::{Content, Exporter};
-use crate::files::Work;
-use crate::memory::{Budget, product};
+use crate::files::LockDuration;
+use crate::memory::{MemoryBudget, product};
 use crate::run::OpenRun;
-use crate::run::export::Units;
+use crate::run::export::ExportUnits;
 use crate::run::fields::FieldKind;
 use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
@@ -34,7 +34,7 @@ pub struct ExportArgs {
     run: PathBuf,
     /// Format, if --out does not determine it; ply for a folder.
     #[arg(long, value_enum)]
-    format: Option<Format>,
+    format: Option<FormatArg>,
     /// Time in [0, 1], or a time of the data, such as data:150.
     #[arg(long, value_name = "T", default_value_t = TimeArg::Scene(0.0), allow_negative_numbers = true, conflicts_with = "frames")]
     time: TimeArg,
@@ -71,18 +71,18 @@ pub struct ExportArgs {
     #[command(flatten)]
     data: DataArgs,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
     #[command(flatten)]
     labels: LabelArgs,
 }
 
 /// An exporter as a value of --format.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Format(&'static Exporter);
+struct FormatArg(&'static Exporter);
 
-impl ValueEnum for Format {
+impl ValueEnum for FormatArg {
     fn value_variants<'a>() -> &'a [Self] {
-        static ALL: LazyLock<Vec<Format>> = LazyLock::new(|| Exporter::all().into_iter().map(Format).collect());
+        static ALL: LazyLock<Vec<FormatArg>> = LazyLock::new(|| Exporter::all().into_iter().map(FormatArg).collect());
         &ALL
     }
 
@@ -120,13 +120,13 @@ impl ExportArgs {
         let run = match (&self.out, self.format, self.frames) {
             _ if self.fields.is_some() => OpenRun::open(&self.run, &device),
             // labels without --out are written into the run
-            (None, Some(Format(exporter)), frames) if exporter.labels().is_some() => {
-                let work = if frames.is_some() { Work::Long } else { Work::Short };
+            (None, Some(FormatArg(exporter)), frames) if exporter.labels().is_some() => {
+                let work = if frames.is_some() { LockDuration::Long } else { LockDuration::Short };
                 OpenRun::open_to_write(&self.run, &device, &command_line(), work)
             }
             _ => OpenRun::open(&self.run, &device),
         }?;
-        let run = self.data.of(run)?;
+        let run = self.data.apply_to(run)?;
         let format = self.format()?;
         self.check(format)?;
         match (&self.fields, &format.content) {
@@ -168,15 +168,15 @@ impl ExportArgs {
     }
 
     /// The coordinates of Gaussians.
-    fn units(&self, run: &OpenRun) -> Result<Units, CliError> {
+    fn units(&self, run: &OpenRun) -> Result<ExportUnits, CliError> {
         match self.units {
             Some(UnitsArg::Physical) if run.calibration().space.is_none() => Err(CliError::input(format!(
                 "--units physical: {} does not know the physical space of its data, which `volseggs prepare` records; write \
                  scene coordinates",
                 run.path.display()
             ))),
-            Some(UnitsArg::Physical) => Ok(Units::Physical),
-            Some(UnitsArg::Scene) | None => Ok(Units::Scene),
+            Some(UnitsArg::Physical) => Ok(ExportUnits::Physical),
+            Some(UnitsArg::Scene) | None => Ok(ExportUnits::Scene),
         }
     }
 
@@ -197,8 +197,8 @@ impl ExportArgs {
 
     /// The times to write.
     fn times(&self, run: &OpenRun) -> Result<Vec<f64>, CliError> {
-        let Some(n) = self.frames else { return Ok(vec![self.time.of("--time", run.calibration())?]) };
-        Budget::now().check(format!("--frames {n}"), product(&[n, FILE_BYTES])).map_err(CliError::input)?;
+        let Some(n) = self.frames else { return Ok(vec![self.time.to_scene_time("--time", run.calibration())?]) };
+        MemoryBudget::now().check(format!("--frames {n}"), product(&[n, FILE_BYTES])).map_err(CliError::input)?;
         Ok((0..n).map(|i| i as f64 / (n - 1).max(1) as f64).collect())
     }
 }

@@ -9,7 +9,9 @@ use crate::export::ply::MAX_SH_DEGREE;
 use crate::log::progress;
 use crate::model::Rendering;
 use crate::run::OpenRun;
-use crate::run::export::{MEASURED, Output, Record, Refit, RefitPlan, SplatPlan, Units, write_splats};
+use crate::run::export::{
+    ExportOutput, ExportRecord, ExportUnits, MEASURED, Refit, RefitPlan, SplatPlan, write_splats,
+};
 use std::sync::atomic::Ordering;
 use volseggs_kernels::splat::DILATION;
 
@@ -25,7 +27,7 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: &'static Exporter) -
     let times = args.times(run)?;
     let needed = [run.path.as_path()];
     let extension = format.extension;
-    let output = Output::new(out, extension, args.frames.is_some(), &needed)?;
+    let output = ExportOutput::new(out, extension, args.frames.is_some(), &needed)?;
     let plan = SplatPlan {
         format,
         units: args.units(run)?,
@@ -44,8 +46,11 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: &'static Exporter) -
     let files: Vec<String> = (0..times.len()).map(|i| output.paths_of(i).1.display().to_string()).collect();
     let edited = !args.shown.no_edits && !run.edits()?.operations.is_empty();
     let coordinates = Some(plan.units);
-    let record =
-        Record { refit_steps, coordinates, ..Record::new(run, extension, &times, edited, &args.shown.segments) };
+    let record = ExportRecord {
+        refit_steps,
+        coordinates,
+        ..ExportRecord::new(run, extension, &times, edited, &args.shown.segments)
+    };
     output.finish(&record, &needed)?;
     let (known, gaussians) = (run.calibration(), written.gaussians);
     let at = match times[..] {
@@ -53,11 +58,11 @@ pub(super) fn run(args: &ExportArgs, run: &OpenRun, format: &'static Exporter) -
         _ => format!("{} files, times {} to {}", files.len(), time_in_words(known, 0.0), time_in_words(known, 1.0)),
     };
     let coordinates = match plan.units {
-        Units::Physical => format!("physical coordinates ({})", known.length_unit()),
-        Units::Scene => "scene coordinates".to_owned(),
+        ExportUnits::Physical => format!("physical coordinates ({})", known.length_unit()),
+        ExportUnits::Scene => "scene coordinates".to_owned(),
     };
     errln!("{gaussians} Gaussians {at}, in {coordinates}: {}", out.display());
-    if let (Units::Physical, Some(space)) = (plan.units, &known.space) {
+    if let (ExportUnits::Physical, Some(space)) = (plan.units, &known.space) {
         note_rounding(space);
     }
     if written.refits.is_empty() {

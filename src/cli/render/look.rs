@@ -4,8 +4,8 @@ use super::super::CliError;
 use super::super::error::refuse;
 use super::super::values::point;
 use crate::run::OpenRun;
-use crate::run::look::{Look, Show as Shows};
-use crate::run::numbers::Quantity;
+use crate::run::look::{Look, Show};
+use crate::run::numbers::PixelQuantity;
 use crate::run::palette::Palette;
 use crate::run::selection::Selection;
 use crate::track::velocity::Component;
@@ -17,14 +17,14 @@ use glam::DVec3;
 pub(super) struct LookArgs {
     /// What to show; colour if not given. Depth and velocity are scaled by the first frame that shows any.
     #[arg(long, value_enum)]
-    show: Option<Show>,
+    show: Option<ShowArg>,
     /// Colour map: viridis, cividis or inferno for depth (viridis if not given) and speed (inferno), cool-warm or
     /// red-green for velocity along an axis (red-green).
     #[arg(long, value_name = "NAME")]
     palette: Option<Palette>,
     /// Velocity along an axis (red forward, green backward; the default is x) or speed.
     #[arg(long, value_enum, value_name = "AXIS")]
-    velocity_axis: Option<Axis>,
+    velocity_axis: Option<ComponentArg>,
     /// Light from far away in this direction, world axes, instead of the light at the eye; for scenes trained with
     /// model.appearance = "headlight".
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
@@ -32,7 +32,7 @@ pub(super) struct LookArgs {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Show {
+enum ShowArg {
     /// The rendered colours.
     Colour,
     /// Distance from the camera: yellow near, dark blue far.
@@ -46,20 +46,20 @@ enum Show {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Axis {
+enum ComponentArg {
     X,
     Y,
     Z,
     Speed,
 }
 
-impl From<Axis> for Component {
-    fn from(axis: Axis) -> Self {
+impl From<ComponentArg> for Component {
+    fn from(axis: ComponentArg) -> Self {
         match axis {
-            Axis::X => Self::X,
-            Axis::Y => Self::Y,
-            Axis::Z => Self::Z,
-            Axis::Speed => Self::Speed,
+            ComponentArg::X => Self::X,
+            ComponentArg::Y => Self::Y,
+            ComponentArg::Z => Self::Z,
+            ComponentArg::Speed => Self::Speed,
         }
     }
 }
@@ -86,7 +86,7 @@ impl LookArgs {
     /// What is shown, as typed on the command line.
     pub(super) fn name(&self) -> String {
         let name = |v: &dyn std::fmt::Debug| format!("{v:?}").to_lowercase();
-        let show = name(&self.show.unwrap_or(Show::Colour));
+        let show = name(&self.show.unwrap_or(ShowArg::Colour));
         match self.velocity_axis {
             Some(axis) => format!("{show} {}", name(&axis)),
             None => show,
@@ -97,13 +97,13 @@ impl LookArgs {
     ///
     /// # Errors
     /// If options do not go together, or are for pictures alone.
-    pub(super) fn quantity(&self) -> Result<Option<Quantity>, CliError> {
+    pub(super) fn quantity(&self) -> Result<Option<PixelQuantity>, CliError> {
         self.show()?;
         let of_pictures = [("--palette", self.palette.is_some()), ("--light", self.light.is_some())];
         refuse(&of_pictures, "only for pictures; omit it, or write NAME.png")?;
         Ok(match self.show {
-            Some(Show::Depth) => Some(Quantity::Depth),
-            Some(Show::Velocity) => Some(Quantity::Velocity(self.velocity_axis.map(Into::into))),
+            Some(ShowArg::Depth) => Some(PixelQuantity::Depth),
+            Some(ShowArg::Velocity) => Some(PixelQuantity::Velocity(self.velocity_axis.map(Into::into))),
             _ => None,
         })
     }
@@ -112,15 +112,15 @@ impl LookArgs {
     ///
     /// # Errors
     /// If options do not go together.
-    fn show(&self) -> Result<Shows, CliError> {
-        let axis_alone = self.velocity_axis.is_some() && self.show != Some(Show::Velocity);
+    fn show(&self) -> Result<Show, CliError> {
+        let axis_alone = self.velocity_axis.is_some() && self.show != Some(ShowArg::Velocity);
         refuse(&[("--velocity-axis", axis_alone)], "only for --show velocity")?;
-        Ok(match self.show.unwrap_or(Show::Colour) {
-            Show::Colour => Shows::Colour,
-            Show::Depth => Shows::Depth,
-            Show::Velocity => Shows::Velocity(self.velocity_axis.unwrap_or(Axis::X).into()),
-            Show::Segments => Shows::Segments,
-            Show::Affinity => Shows::Affinity,
+        Ok(match self.show.unwrap_or(ShowArg::Colour) {
+            ShowArg::Colour => Show::Colour,
+            ShowArg::Depth => Show::Depth,
+            ShowArg::Velocity => Show::Velocity(self.velocity_axis.unwrap_or(ComponentArg::X).into()),
+            ShowArg::Segments => Show::Segments,
+            ShowArg::Affinity => Show::Affinity,
         })
     }
 }

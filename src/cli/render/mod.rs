@@ -8,15 +8,15 @@ use super::data::DataArgs;
 use super::shown::ShownArgs;
 use super::time::TimeArg;
 use super::values::{count, positive};
-use super::{CliError, Common, print_json, stop_flag};
+use super::{CliError, CommonArgs, print_json, stop_flag};
 use crate::data::Camera;
 use crate::files::same_file;
 use crate::log::progress;
 use crate::model::ToKernel;
-use crate::run::frames::{Background, Draw, Frames, Record, check_name, film, is_film};
+use crate::run::frames::{DrawFrame, FrameBackground, Frames, RenderRecord, check_name, film, is_film};
 use crate::run::look::{Legend, Look};
 use crate::run::numbers::{self, NumberFormat};
-use crate::run::{AnyRun, OpenRun, Trained};
+use crate::run::{AnyRun, OpenRun, TrainedModel};
 use crate::user_error::UserError;
 use clap::{Args, ValueEnum};
 use look::LookArgs;
@@ -24,7 +24,7 @@ use serde::Serialize;
 use serde_json::json;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
-use views::Saved;
+use views::ViewFromFile;
 
 /// Render a run along a path of cameras and times, as PNG files and an animation.
 #[derive(Debug, Args)]
@@ -68,7 +68,7 @@ pub struct RenderArgs {
     #[command(flatten)]
     shown: ShownArgs,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -83,7 +83,7 @@ enum Behind {
 const COLOUR: &str = "colour";
 
 #[derive(Serialize)]
-struct Report {
+struct RenderReport {
     frames: usize,
     width: u32,
     height: u32,
@@ -128,8 +128,8 @@ fn merge(into: &mut serde_json::Value, from: serde_json::Value) {
 
 impl RenderArgs {
     /// What is drawn, its name, and the segments shown alone, from the arguments or from a file.
-    fn look(&self, run: &OpenRun, saved: Option<&Saved>) -> Result<(Look, String, Vec<String>), CliError> {
-        let Some(Saved { name, view: saved, .. }) = saved else {
+    fn look(&self, run: &OpenRun, saved: Option<&ViewFromFile>) -> Result<(Look, String, Vec<String>), CliError> {
+        let Some(ViewFromFile { name, view: saved, .. }) = saved else {
             let look = self.look.open(run, self.shown.select(run)?)?;
             return Ok((look, self.look.name(), self.shown.segments.clone()));
         };
@@ -150,10 +150,10 @@ impl RenderArgs {
     }
 
     /// The name of what is shown of a run without Gaussians; rejects options that ask for anything but its colours.
-    fn plain(&self, run: &AnyRun, saved: Option<&Saved>) -> Result<String, CliError> {
+    fn plain(&self, run: &AnyRun, saved: Option<&ViewFromFile>) -> Result<String, CliError> {
         let what = match saved {
             None => self.look.given().or(self.shown.given()).map(str::to_owned),
-            Some(Saved { name, view: saved, .. }) => {
+            Some(ViewFromFile { name, view: saved, .. }) => {
                 let view = &saved.view;
                 let is_plain = view.look == COLOUR && view.alone.is_empty() && view.hidden.is_empty();
                 (!is_plain).then(|| format!("{name} (which shows more than colours)"))
@@ -170,16 +170,16 @@ impl RenderArgs {
     }
 
     /// Draws the views into a folder with its record, or into one film; returns the frames per second.
-    fn draw<S: Trained>(
+    fn draw<S: TrainedModel>(
         &self,
         run: &OpenRun<S>,
-        draw: &mut Draw<'_>,
+        draw: &mut DrawFrame<'_>,
         views: &[(Camera, f64)],
-        record: &Record,
+        record: &RenderRecord,
     ) -> Result<f64, CliError> {
         let background = match self.background {
-            Behind::Scene => Background::Scene,
-            Behind::Transparent => Background::Transparent(run.model().background()),
+            Behind::Scene => FrameBackground::Scene,
+            Behind::Transparent => FrameBackground::Transparent(run.model().background()),
         };
         let run = run.path.as_path();
         let stop = stop_flag("stopping; nothing is written")?;
@@ -208,9 +208,9 @@ impl RenderArgs {
     }
 
     /// The record of `views`, except for what they show.
-    fn record<S: Trained>(&self, run: &OpenRun<S>, views: &[(Camera, f64)]) -> Result<Record, CliError> {
+    fn record<S: TrainedModel>(&self, run: &OpenRun<S>, views: &[(Camera, f64)]) -> Result<RenderRecord, CliError> {
         let [width, height] = views.first().map_or([0; 2], |(c, _)| [c.width, c.height]);
-        Ok(Record {
+        Ok(RenderRecord {
             version: env!("CARGO_PKG_VERSION"),
             run: run.path.display().to_string(),
             path: self.view.choice()?.map_or(self.path.display().to_string(), |c| c.to_string()),
@@ -228,7 +228,7 @@ impl RenderArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         check_name(&self.out)?;
         let (_, device) = self.common.device()?;
-        let run = self.data.of(AnyRun::open_any(&self.run, &device)?)?;
+        let run = self.data.apply_to(AnyRun::open_any(&self.run, &device)?)?;
         let saved = self.saved()?;
         let views = self.views(&run, saved.as_ref())?;
         let record = self.record(&run, &views)?;
@@ -242,14 +242,14 @@ impl RenderArgs {
                     run.path.display()
                 )));
             }
-            let record = Record { show: self.plain(&run, saved.as_ref())?, ..record };
+            let record = RenderRecord { show: self.plain(&run, saved.as_ref())?, ..record };
             let draw = &mut |camera: &Camera, time: f64| Ok(run.model().render(camera.to_kernel(), time as f32));
             let fps = self.draw(&run, draw, &views, &record)?;
             return self.print(&record, &views, fps, None);
         }
         let run = run.gaussians()?;
         if let Some(format) = NumberFormat::by_extension(&self.out) {
-            if let Some(Saved { name, .. }) = &saved {
+            if let Some(ViewFromFile { name, .. }) = &saved {
                 return Err(CliError::input(format!(
                     "--out: {name} is a picture; give --camera or --view N for numbers"
                 )));
@@ -258,7 +258,7 @@ impl RenderArgs {
         }
         let (mut look, show, segments) = self.look(&run, saved.as_ref())?;
         let light = self.look.light.map(|v| v.to_array());
-        let record = Record { show, light, segments, edits: look.selection().edits(), ..record };
+        let record = RenderRecord { show, light, segments, edits: look.selection().edits(), ..record };
         let draw = &mut |camera: &Camera, time: f64| look.frame(&run.scene, (camera.to_kernel(), time as f32));
         let fps = self.draw(&run, draw, &views, &record)?;
         self.print(&record, &views, fps, look.legend())
@@ -299,13 +299,14 @@ impl RenderArgs {
 
     fn print(
         &self,
-        record: &Record,
+        record: &RenderRecord,
         views: &[(Camera, f64)],
         render_fps: f64,
         legend: Option<Legend>,
     ) -> Result<(), CliError> {
         let ([width, height], out) = (record.size, self.out.display().to_string());
-        let report = Report { frames: record.frames, width, height, render_fps, out, legend, cameras: cameras(views) };
+        let report =
+            RenderReport { frames: record.frames, width, height, render_fps, out, legend, cameras: cameras(views) };
         errln!(
             "{} {} of {width}x{height} in {}, rendered at {render_fps:.1} frames/second",
             report.frames,

@@ -7,12 +7,12 @@ use super::RenderArgs;
 use crate::data::paths::{Lens, test_spiral};
 use crate::data::{Camera, Normalisation, Transforms};
 use crate::files::read_text;
-use crate::memory::{Budget, product};
+use crate::memory::{MemoryBudget, product};
 use crate::run::cameras::{ViewChoice, check_lens};
 use crate::run::keyframes::{CameraPath, SavedPath};
 use crate::run::saved::SavedView;
 use crate::run::view::View;
-use crate::run::{OpenRun, Trained};
+use crate::run::{OpenRun, TrainedModel};
 use std::fmt::Display;
 use std::path::Path;
 
@@ -21,11 +21,11 @@ const ORBIT: usize = 60;
 
 impl RenderArgs {
     /// The contents of a saved view or path of keyframes, if one was given, with its name.
-    pub(super) fn saved(&self) -> Result<Option<Saved>, CliError> {
+    pub(super) fn saved(&self) -> Result<Option<ViewFromFile>, CliError> {
         if let Some(choice) = self.view.choice()? {
             return Ok(match choice {
                 ViewChoice::Saved { name, saved } => {
-                    Some(Saved { name: format!("--view {name}"), view: saved, path: None })
+                    Some(ViewFromFile { name: format!("--view {name}"), view: saved, path: None })
                 }
                 _ => None,
             });
@@ -43,21 +43,21 @@ impl RenderArgs {
             Some(width) => view.sized(width)?,
             None => view,
         });
-        Ok(Some(Saved { name: format!("--path {file}"), view, path: Some(path) }))
+        Ok(Some(ViewFromFile { name: format!("--path {file}"), view, path: Some(path) }))
     }
 
     /// The cameras and their times; at least one, all of the same size.
-    pub(super) fn views<S: Trained>(
+    pub(super) fn views<S: TrainedModel>(
         &self,
         run: &OpenRun<S>,
-        saved: Option<&Saved>,
+        saved: Option<&ViewFromFile>,
     ) -> Result<Vec<(Camera, f64)>, CliError> {
-        let held = self.time.map(|time| time.of("--time", run.calibration())).transpose()?;
+        let held = self.time.map(|time| time.to_scene_time("--time", run.calibration())).transpose()?;
         let radius = ("--radius", self.radius.is_some());
         let no_radius = |path: &dyn Display| {
             refuse(&[radius], format!("cannot be combined with {path}, which defines the cameras"))
         };
-        if let Some(Saved { name, view, path: Some(path) }) = saved {
+        if let Some(ViewFromFile { name, view, path: Some(path) }) = saved {
             no_radius(name)?;
             return self.along(name, &view.view, path, held);
         }
@@ -86,7 +86,7 @@ impl RenderArgs {
                 let n = self.frames.unwrap_or(ORBIT);
                 // the cameras exist twice, in the list and with their times
                 let bytes = product(&[n, 2 * size_of::<(Camera, f64)>()]);
-                Budget::now().check(format!("--frames {n}"), bytes).map_err(CliError::input)?;
+                MemoryBudget::now().check(format!("--frames {n}"), bytes).map_err(CliError::input)?;
                 let last = (n - 1).max(1) as f64;
                 Ok(hold(around.orbit(n).into_iter().enumerate().map(|(i, c)| (c, i as f64 / last)).collect()))
             }
@@ -110,13 +110,13 @@ impl RenderArgs {
         check_lens(name, Lens { fov_x: shown.fov, width, height })?;
         let n = self.frames.unwrap_or((path.seconds() * f64::from(self.fps)).round() as usize + 1);
         let bytes = product(&[n, size_of::<(Camera, f64)>()]);
-        Budget::now().check(format!("--frames {n}"), bytes).map_err(CliError::input)?;
+        MemoryBudget::now().check(format!("--frames {n}"), bytes).map_err(CliError::input)?;
         Ok(path.frames(n).map(|key| (key.view(shown).camera(1.0), held.unwrap_or(key.time))).collect())
     }
 }
 
 /// What to show, as stored in a file.
-pub(super) struct Saved {
+pub(super) struct ViewFromFile {
     /// The argument that named it.
     pub name: String,
     /// What is shown.

@@ -1,10 +1,10 @@
 //! `volseggs segment group`, `segment rename`, `segment remove`, `segment undo` and `segment redo`
 
 use super::super::values::count;
-use super::super::{CliError, Common, print_json};
-use crate::files::Work;
+use super::super::{CliError, CommonArgs, print_json};
+use crate::files::LockDuration;
 use crate::name::Name;
-use crate::run::segments::{RunSegments, Towards};
+use crate::run::segments::{HistoryDirection, RunSegments};
 use crate::run::{OpenRun, RunError};
 use clap::Args;
 use std::path::{Path, PathBuf};
@@ -12,10 +12,10 @@ use std::path::{Path, PathBuf};
 /// Changes the segments of a run and saves them. Returns them with what `change` returned.
 fn change<T>(
     run: &Path,
-    common: &Common,
+    common: &CommonArgs,
     change: impl FnOnce(&OpenRun, &mut RunSegments) -> Result<T, RunError>,
 ) -> Result<(RunSegments, T), CliError> {
-    let run = common.open_to_write(run, Work::Short)?;
+    let run = common.open_to_write(run, LockDuration::Short)?;
     let mut segments = RunSegments::open(&run)?;
     let found = change(&run, &mut segments)?;
     segments.save()?;
@@ -43,7 +43,7 @@ pub struct GroupArgs {
     #[arg(required = true)]
     segments: Vec<String>,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl GroupArgs {
@@ -71,7 +71,7 @@ pub struct RenameArgs {
     /// New name of the segment.
     new: Name,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl RenameArgs {
@@ -99,7 +99,7 @@ pub struct RemoveArgs {
     #[arg(required = true)]
     segments: Vec<String>,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl RemoveArgs {
@@ -122,18 +122,18 @@ pub struct StepArgs {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = count)]
     count: usize,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl StepArgs {
     /// Undoes or redoes changes, which is `done` to them.
-    pub(super) fn run(self, towards: Towards, done: &str) -> Result<(), CliError> {
+    pub(super) fn run(self, towards: HistoryDirection, done: &str) -> Result<(), CliError> {
         let (segments, steps) = change(&self.run, &self.common, |_, segments| segments.step(towards, self.count))?;
         let names = names(&segments);
         if self.common.json {
             return print_json(&serde_json::json!({
                 done: steps, "segments": names,
-                "undo": segments.steps(Towards::Undo), "redo": segments.steps(Towards::Redo),
+                "undo": segments.steps(HistoryDirection::Undo), "redo": segments.steps(HistoryDirection::Redo),
             }));
         }
         for step in &steps {

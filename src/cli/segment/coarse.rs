@@ -3,12 +3,12 @@
 use super::super::camera::surroundings;
 use super::super::data::DataArgs;
 use super::super::error::refuse;
-use super::super::settings::{SegmentSettings, put};
+use super::super::settings::{SegmentSettings, set_if_given};
 use super::super::time::TimeArg;
 use super::super::values::{count, fraction_f32, positive_f32};
-use super::super::{CliError, Common, print_json};
+use super::super::{CliError, CommonArgs, print_json};
 use crate::config::types::segment::{ColourConfig, ColourSpace};
-use crate::files::Work;
+use crate::files::LockDuration;
 use crate::run::segments::{RunSegments, SHOWN, sheet, write_picture};
 use crate::segment::coarse::Coarse;
 use crate::segment::segmentation::Segmentation;
@@ -62,12 +62,12 @@ pub struct CoarseArgs {
     #[command(flatten)]
     data: DataArgs,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 /// The segments found, and what happened to each Gaussian.
 #[derive(Serialize)]
-struct Report<'a> {
+struct CoarseReport<'a> {
     #[serde(flatten)]
     all: &'a Segmentation,
     /// Gaussians in segments.
@@ -83,14 +83,14 @@ struct Report<'a> {
 impl CoarseArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         self.check(self.space.unwrap_or(ColourSpace::Material))?;
-        let run = self.data.of(self.common.open_to_write(&self.run, Work::Short)?)?;
-        let run = self.settings.of(run)?;
+        let run = self.data.apply_to(self.common.open_to_write(&self.run, LockDuration::Short)?)?;
+        let run = self.settings.apply_to(run)?;
         let mut config = run.config.segment.clone();
         self.set(&mut config.colour);
         self.check(config.colour.space)?;
         config.layers.join &= !self.keep_surface_layers;
         let around = surroundings(&run, None);
-        let time = self.time.of("--time", run.calibration())?;
+        let time = self.time.to_scene_time("--time", run.calibration())?;
         let n = run.scene.gaussians.count();
         let mut segments = if self.replace {
             let (segments, unusable) = RunSegments::replacing(&run);
@@ -123,7 +123,7 @@ impl CoarseArgs {
         let (outliers, transparent, not_finite) = (found.outliers, found.transparent, found.not_finite);
         let in_segments = n - outliers - transparent - not_finite;
         if self.common.json {
-            return print_json(&Report { all, in_segments, transparent, outliers, not_finite });
+            return print_json(&CoarseReport { all, in_segments, transparent, outliers, not_finite });
         }
         for segment in &all.segments {
             outln!("{:20} {:>8} Gaussians", segment.name, segment.members.len());
@@ -143,11 +143,11 @@ impl CoarseArgs {
 
     /// Sets the keys of options that were given.
     fn set(&self, to: &mut ColourConfig) {
-        put(&mut to.clusters, self.clusters);
-        put(&mut to.space, self.space);
-        put(&mut to.min_opacity, self.min_opacity);
-        put(&mut to.outlier_radius, self.radius);
-        put(&mut to.outlier_neighbours, self.min_neighbours);
+        set_if_given(&mut to.clusters, self.clusters);
+        set_if_given(&mut to.space, self.space);
+        set_if_given(&mut to.min_opacity, self.min_opacity);
+        set_if_given(&mut to.outlier_radius, self.radius);
+        set_if_given(&mut to.outlier_neighbours, self.min_neighbours);
         to.outliers &= !self.keep_outliers;
     }
 }

@@ -1,12 +1,12 @@
 //! `volseggs segment fine`
 
-use super::super::settings::{SegmentSettings, put};
+use super::super::settings::{SegmentSettings, set_if_given};
 use super::super::values::{cosine_f32, count, not_negative, positive};
-use super::super::{CliError, Common, print_json, stop_flag};
+use super::super::{CliError, CommonArgs, print_json, stop_flag};
 use crate::config::types::segment::MaskScale;
-use crate::files::Work;
+use crate::files::LockDuration;
 use crate::log::progress;
-use crate::run::affinity::{self, Stage, Trained};
+use crate::run::affinity::{self, AffinityProgress, TrainedAffinity};
 use crate::shell;
 use clap::Args;
 use std::path::PathBuf;
@@ -48,34 +48,34 @@ pub struct FineArgs {
     #[command(flatten)]
     settings: SegmentSettings,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl FineArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let run = self.settings.of(self.common.open_to_write(&self.run, Work::Long)?)?;
+        let run = self.settings.apply_to(self.common.open_to_write(&self.run, LockDuration::Long)?)?;
         let stop = stop_flag("stopping after this step; nothing is written")?;
         let mut options = run.config.segment.affinity.clone();
-        put(&mut options.steps, self.steps);
-        put(&mut options.pixels, self.pixels);
-        put(&mut options.rate, self.rate);
-        put(&mut options.margin, self.margin);
-        put(&mut options.mask_scale, self.mask_scale);
-        put(&mut options.hierarchy, self.hierarchy);
+        set_if_given(&mut options.steps, self.steps);
+        set_if_given(&mut options.pixels, self.pixels);
+        set_if_given(&mut options.rate, self.rate);
+        set_if_given(&mut options.margin, self.margin);
+        set_if_given(&mut options.mask_scale, self.mask_scale);
+        set_if_given(&mut options.hierarchy, self.hierarchy);
         let steps = options.steps;
         let mut bar = progress::bar(0, "views");
         let trained = affinity::fit(&run, &options, self.seed, |stage| {
             match stage {
-                Stage::Read { done, all } => {
+                AffinityProgress::Read { done, all } => {
                     bar.set_length(all as u64);
                     bar.set_position(done as u64);
                 }
-                Stage::Begins { views, masks, seconds } => {
+                AffinityProgress::Begins { views, masks, seconds } => {
                     bar.finish_and_clear();
                     errln!("{views} views of segments, {masks} masks, {seconds:.1} s");
                     bar = progress::bar(steps, "steps");
                 }
-                Stage::Step { done, loss } => {
+                AffinityProgress::Step { done, loss } => {
                     bar.set_position(done as u64);
                     bar.set_message(format!("loss {loss:.4}"));
                 }
@@ -83,7 +83,7 @@ impl FineArgs {
             !stop.load(Ordering::Relaxed)
         })?;
         bar.finish_and_clear();
-        let Some(Trained { loss, seconds }) = trained else {
+        let Some(TrainedAffinity { loss, seconds }) = trained else {
             return Err(CliError::failure("interrupted; any existing affinity field is unchanged"));
         };
         let path = run.paths().affinity();

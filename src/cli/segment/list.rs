@@ -1,8 +1,8 @@
 //! `volseggs segment list`
 
-use super::super::{CliError, Common, print_json};
-use crate::run::materials::{Assigned, Made, materials};
-use crate::run::segments::{RunSegments, Towards};
+use super::super::{CliError, CommonArgs, print_json};
+use crate::run::materials::{AssignedMaterials, SegmentMaterial, materials};
+use crate::run::segments::{HistoryDirection, RunSegments};
 use crate::segment::segmentation::Segment;
 use crate::shell;
 use clap::Args;
@@ -16,11 +16,11 @@ pub struct ListArgs {
     /// Folder of the run.
     run: PathBuf,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 #[derive(Serialize)]
-struct Report<'a> {
+struct SegmentListReport<'a> {
     /// Number of Gaussians in the scene.
     gaussians: usize,
     /// Fingerprint of the scene.
@@ -39,26 +39,33 @@ struct Listed<'a> {
     segment: &'a Segment,
     /// What it is made of, if the dataset's transfer function is known.
     #[serde(skip_serializing_if = "Option::is_none")]
-    material: Option<Made>,
+    material: Option<SegmentMaterial>,
 }
 
 impl ListArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let run = self.common.open(&self.run)?;
         let segments = RunSegments::open(&run)?;
-        let (all, undo, redo) = (segments.now(), segments.steps(Towards::Undo), segments.steps(Towards::Redo));
+        let (all, undo, redo) =
+            (segments.now(), segments.steps(HistoryDirection::Undo), segments.steps(HistoryDirection::Redo));
         let tree = all.tree();
         let known = run.dataset().map_or_else(|_| Vec::new(), |dataset| materials(&dataset));
-        let assigned = (!known.is_empty() && !tree.is_empty()).then(|| Assigned::new(&run, &known));
+        let assigned = (!known.is_empty() && !tree.is_empty()).then(|| AssignedMaterials::new(&run, &known));
         let material = |segment: &Segment| assigned.as_ref().and_then(|assigned| assigned.most(&segment.members));
         if self.common.json {
             let listed = |(_, segment): (usize, _)| Listed { segment, material: material(segment) };
             let segments = tree.into_iter().map(listed).collect();
-            return print_json(&Report { gaussians: all.gaussians, scene: &all.scene, segments, undo, redo });
+            return print_json(&SegmentListReport {
+                gaussians: all.gaussians,
+                scene: &all.scene,
+                segments,
+                undo,
+                redo,
+            });
         }
         for (depth, segment) in &tree {
             let name = format!("{:width$}{}", "", segment.name, width = 2 * depth);
-            let made = material(segment).map_or_else(String::new, |Made { material, share }| {
+            let made = material(segment).map_or_else(String::new, |SegmentMaterial { material, share }| {
                 format!("  {:.0} % {} {}", 100.0 * share, material.name, material.hex)
             });
             outln!("{name:30} {:>8} Gaussians  found at {:.3}{made}", segment.members.len(), segment.time);

@@ -5,14 +5,14 @@ use super::super::data::DataArgs;
 use super::super::settings::SegmentSettings;
 use super::super::time::TimeArg;
 use super::super::values::{count, pixels};
-use super::super::{CliError, Common, print_json, stop_flag};
+use super::super::{CliError, CommonArgs, print_json, stop_flag};
 use crate::durations::rough_duration;
 use crate::eval::segments::mask_source_names;
-use crate::files::Work;
+use crate::files::LockDuration;
 use crate::log::progress;
 use crate::run::OpenRun;
 use crate::run::cameras::check_lens;
-use crate::run::masks::{Made, MaskPlan, MaskRequest, make, write_pictures};
+use crate::run::masks::{MadeMasks, MaskPlan, MaskRequest, make, write_pictures};
 use crate::segment::masks::registry::{ChooseSourceError, ChosenSource, SourceOption, SourceOptions, SourceViews};
 use crate::segment::masks::source::{self, MASK_SOURCES};
 use crate::shell;
@@ -64,13 +64,14 @@ pub struct MasksArgs {
     #[command(flatten)]
     data: DataArgs,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl MasksArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let source = self.source()?;
-        let run = self.settings.of(self.data.of(self.common.open_to_write(&self.run, Work::Long)?)?)?;
+        let run =
+            self.settings.apply_to(self.data.apply_to(self.common.open_to_write(&self.run, LockDuration::Long)?)?)?;
         let path = run.paths().masks();
         if path.exists() && !self.pictures && !self.replace {
             return Err(CliError::input(format!(
@@ -82,7 +83,7 @@ impl MasksArgs {
             segments: &self.segments,
             source: &source,
             views: self.views,
-            time: self.time.map(|time| time.of("--time", run.calibration())).transpose()?,
+            time: self.time.map(|time| time.to_scene_time("--time", run.calibration())).transpose()?,
         };
         let around = surroundings(&run, self.size);
         if let Some(size) = self.size {
@@ -110,7 +111,7 @@ impl MasksArgs {
             !stop.load(Ordering::Relaxed)
         })?;
         bar.finish_and_clear();
-        let Some(Made { masks: count, source }) = made else {
+        let Some(MadeMasks { masks: count, source }) = made else {
             return Err(CliError::failure("stopped; any existing masks are unchanged"));
         };
         if self.common.json {

@@ -9,7 +9,7 @@ mod pick;
 mod split;
 
 use super::CliError;
-use crate::run::segments::Towards;
+use crate::run::segments::HistoryDirection;
 use clap::{Args, Subcommand};
 
 /// Find segments: by colour, and within a colour by masks of rendered views.
@@ -54,8 +54,8 @@ impl SegmentArgs {
             SegmentCommand::Group(args) => args.run(),
             SegmentCommand::Rename(args) => args.run(),
             SegmentCommand::Remove(args) => args.run(),
-            SegmentCommand::Undo(args) => args.run(Towards::Undo, "undone"),
-            SegmentCommand::Redo(args) => args.run(Towards::Redo, "redone"),
+            SegmentCommand::Undo(args) => args.run(HistoryDirection::Undo, "undone"),
+            SegmentCommand::Redo(args) => args.run(HistoryDirection::Redo, "redone"),
             SegmentCommand::List(args) => args.run(),
         }
     }

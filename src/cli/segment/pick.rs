@@ -6,13 +6,13 @@ use super::super::error::refuse;
 use super::super::settings::SegmentSettings;
 use super::super::time::TimeArg;
 use super::super::values::{cosine_f32, count, fraction_f32};
-use super::super::{CliError, Common, print_json};
+use super::super::{CliError, CommonArgs, print_json};
 use crate::config::types::segment::LevelsConfig;
 use crate::data::Camera;
-use crate::files::Work;
+use crate::files::LockDuration;
 use crate::name::Name;
 use crate::run::cameras::check_lens;
-use crate::run::pick::{ClickError, Clicking, Hit, commit};
+use crate::run::pick::{ClickError, ClickHit, Clicking, commit};
 use crate::run::segments::RunSegments;
 use crate::run::{OpenRun, affinity};
 use crate::segment::levels::{Level, LevelKind};
@@ -66,11 +66,11 @@ pub struct PickArgs {
     #[command(flatten)]
     data: DataArgs,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 #[derive(Serialize)]
-struct Report {
+struct PickReport {
     /// The clicked Gaussian.
     gaussian: u32,
     /// Its fraction of the pixel's colour.
@@ -88,7 +88,7 @@ struct Report {
     /// Number of these that are visible only at times other than that of the click.
     from_other_times: usize,
     /// The levels at the click, from small to large, if requested.
-    levels: Vec<Shown>,
+    levels: Vec<ShownLevel>,
     /// The one that was used, from 1, if they were requested.
     level: Option<usize>,
     /// Seconds from the click to the selection.
@@ -99,7 +99,7 @@ struct Report {
 
 /// A level at the click.
 #[derive(Serialize)]
-struct Shown {
+struct ShownLevel {
     /// What makes its Gaussians one.
     kind: LevelKind,
     /// Mask scale in [0, 1], if it is the affinity.
@@ -114,7 +114,7 @@ struct Shown {
     gaussians: usize,
 }
 
-impl Shown {
+impl ShownLevel {
     fn of(level: &Level) -> Self {
         let Level { kind, share, .. } = *level;
         let similar = kind == LevelKind::Similar;
@@ -171,16 +171,16 @@ impl PickArgs {
         };
         self.check()?;
         let run = match self.name {
-            Some(_) => self.common.open_to_write(&self.run, Work::Short)?,
+            Some(_) => self.common.open_to_write(&self.run, LockDuration::Short)?,
             None => self.common.open(&self.run)?,
         };
-        let mut run = self.settings.of(self.data.of(run)?)?;
+        let mut run = self.settings.apply_to(self.data.apply_to(run)?)?;
         run.config.segment.pieces.strays &= !self.keep_strays;
         let mut segments = RunSegments::open(&run)?;
         let (camera, view_time) = self.seen_from(&run)?;
         let all = segments.now().clone();
         let found_at = all.segments.first().map(|s| s.time);
-        let given = self.time.map(|time| time.of("--time", run.calibration())).transpose()?;
+        let given = self.time.map(|time| time.to_scene_time("--time", run.calibration())).transpose()?;
         let time = given.or(view_time).or(found_at).unwrap_or(0.5);
         let wants = self.name.is_some() || self.levels;
         let field = if wants { Some(affinity::open(&run)?) } else { None };
@@ -209,9 +209,9 @@ impl PickArgs {
         if made.is_some() {
             segments.save()?;
         }
-        let Hit { gaussian, weight, mean, .. } = hit;
+        let ClickHit { gaussian, weight, mean, .. } = hit;
         let known = run.calibration();
-        let report = Report {
+        let report = PickReport {
             gaussian,
             weight,
             mean,
@@ -220,7 +220,7 @@ impl PickArgs {
             segments: hit.segments.iter().map(ToString::to_string).collect(),
             from_other_times: made.as_ref().map_or(0, |(_, made)| made.from_other_times),
             made: made.map(|(name, made)| (name, made.gaussians)),
-            levels: picked.iter().flat_map(|p| &p.levels).map(Shown::of).collect(),
+            levels: picked.iter().flat_map(|p| &p.levels).map(ShownLevel::of).collect(),
             level: picked.as_ref().and_then(|p| p.level).map(|n| n + 1),
             seconds,
             carry_seconds,
@@ -263,7 +263,7 @@ impl PickArgs {
 }
 
 /// Prints the levels, one line each.
-fn show(report: &Report) {
+fn show(report: &PickReport) {
     outln!("level  kind     Gaussians  of the scene  scale  cosine  stability");
     for (n, l) in (1..).zip(&report.levels) {
         let mark = if report.level == Some(n) { "  <- used" } else { "" };

@@ -3,8 +3,8 @@
 use super::super::camera::surroundings;
 use super::super::data::DataArgs;
 use super::super::settings::SegmentSettings;
-use super::super::{CliError, Common, print_json};
-use crate::files::Work;
+use super::super::{CliError, CommonArgs, print_json};
+use crate::files::LockDuration;
 use crate::run::segments::{RunSegments, write_picture};
 use crate::run::split::{SplitOptions, sheet, split};
 use crate::segment::segmentation::Segment;
@@ -31,13 +31,13 @@ pub struct SplitArgs {
     #[command(flatten)]
     data: DataArgs,
     #[command(flatten)]
-    common: Common,
+    common: CommonArgs,
 }
 
 impl SplitArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
-        let run = self.data.of(self.common.open_to_write(&self.run, Work::Short)?)?;
-        let mut run = self.settings.of(run)?;
+        let run = self.data.apply_to(self.common.open_to_write(&self.run, LockDuration::Short)?)?;
+        let mut run = self.settings.apply_to(run)?;
         run.config.segment.pieces.strays &= !self.keep_strays;
         let around = surroundings(&run, None);
         let mut segments = RunSegments::open(&run)?;

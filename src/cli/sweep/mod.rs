@@ -20,13 +20,13 @@ use std::path::{Path, PathBuf};
 )]
 pub struct SweepArgs {
     #[command(subcommand)]
-    action: Option<Action>,
+    action: Option<SweepAction>,
     #[command(flatten)]
     start: start::StartArgs,
 }
 
 #[derive(Debug, Subcommand)]
-enum Action {
+enum SweepAction {
     /// Show the progress of the runs, here and in Slurm's queue.
     Status(results::StatusArgs),
     /// Make the report from the runs done so far.
@@ -40,10 +40,10 @@ enum Action {
 impl SweepArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         match self.action {
-            Some(Action::Status(args)) => args.run(),
-            Some(Action::Collect(args)) => args.run(),
-            Some(Action::Worker(args)) => args.run(),
-            Some(Action::Devices(args)) => args.run(),
+            Some(SweepAction::Status(args)) => args.run(),
+            Some(SweepAction::Collect(args)) => args.run(),
+            Some(SweepAction::Worker(args)) => args.run(),
+            Some(SweepAction::Devices(args)) => args.run(),
             None => self.start.run(),
         }
     }

@@ -12,8 +12,8 @@ use crate::sweep::collect::collect;
 use crate::sweep::halving;
 use crate::sweep::key::parts;
 use crate::sweep::local::steps_done;
-use crate::sweep::result::{Progress, live_psnr, metrics_in, metrics_path, progress, read_metrics};
-use crate::sweep::slurm::{Tools, queue};
+use crate::sweep::result::{RunCompletion, live_psnr, metrics_in, metrics_path, progress, read_metrics};
+use crate::sweep::slurm::{SlurmTools, queue};
 use clap::Args;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -42,7 +42,7 @@ pub(super) struct CollectArgs {
 
 /// A run of the same configuration that another build finished.
 #[derive(Serialize)]
-struct OtherRun {
+struct OtherBuildRun {
     key: String,
     build: String,
     psnr: Option<f64>,
@@ -61,13 +61,13 @@ struct RunStatus {
     steps: usize,
     psnr: Option<f64>,
     detail: String,
-    other_builds: Vec<OtherRun>,
+    other_builds: Vec<OtherBuildRun>,
 }
 
 impl StatusArgs {
     pub(super) fn run(self) -> Result<(), CliError> {
         let (dir, plan) = self.planned.open()?;
-        let tools = Tools::default();
+        let tools = SlurmTools::default();
         let queued = if dir.join("slurm").is_dir() && tools.have("squeue") {
             queue(&tools, &dir, &plan.hash())?
         } else {
@@ -84,25 +84,25 @@ impl StatusArgs {
             let step = live.map_or(0, |(s, _)| s).max(steps_done(&folder));
             let psnr = psnr_in(&metrics_path(&plan, task)).or(live.map(|(_, p)| p));
             let (state, mut detail) = match (progress(&plan, task), stopped.get(&run.key), queued.get(&task)) {
-                (Progress::Done, ..) => ("done", String::new()),
-                (Progress::Failed(failure), ..) => ("failed", format!("{}: {}", failure.stage, failure.error)),
-                (Progress::Open, Some(step), _) => ("stopped", format!("at step {step}")),
-                (Progress::Open, None, Some(q)) if q.runs() => {
+                (RunCompletion::Done, ..) => ("done", String::new()),
+                (RunCompletion::Failed(failure), ..) => ("failed", format!("{}: {}", failure.stage, failure.error)),
+                (RunCompletion::Open, Some(step), _) => ("stopped", format!("at step {step}")),
+                (RunCompletion::Open, None, Some(q)) if q.runs() => {
                     ("running", format!("{} {} on {}", q.id, duration(q.seconds as f64), q.place))
                 }
-                (Progress::Open, None, Some(q)) => ("queued", format!("{} {} {}", q.id, q.state, q.place)),
-                (Progress::Open, None, None) => match holder(&folder) {
+                (RunCompletion::Open, None, Some(q)) => ("queued", format!("{} {} {}", q.id, q.state, q.place)),
+                (RunCompletion::Open, None, None) => match holder(&folder) {
                     Some(holder) => ("running", holder.to_string()),
                     None if step > 0 => ("begun", "resumes at the next call".to_owned()),
                     None => ("to do", String::new()),
                 },
             };
-            let other_run = |key: &String| OtherRun {
+            let other_run = |key: &String| OtherBuildRun {
                 key: key.clone(),
                 build: parts(key).1.to_owned(),
                 psnr: psnr_in(&metrics_in(&plan, task, &plan.runs_folder.join(key))),
             };
-            let other_builds: Vec<OtherRun> = others.of_run(task).iter().map(other_run).collect();
+            let other_builds: Vec<OtherBuildRun> = others.of_run(task).iter().map(other_run).collect();
             if let (Some(other), true) = (other_builds.first(), state != "done") {
                 let psnr = other.psnr.map(|p| format!(" ({p:.2} dB)")).unwrap_or_default();
                 let comma = if detail.is_empty() { "" } else { "; " };

@@ -11,8 +11,8 @@ use crate::shell;
 use crate::sweep::builds::{OtherBuilds, tally};
 use crate::sweep::estimate::estimate;
 use crate::sweep::local::{self, LocalOptions};
-use crate::sweep::result::{Progress, failure_path, progress};
-use crate::sweep::slurm::{Job, Profile, Tools, queue, submit};
+use crate::sweep::result::{RunCompletion, failure_path, progress};
+use crate::sweep::slurm::{SlurmJob, SlurmProfile, SlurmTools, queue, submit};
 use crate::sweep::{Plan, PlanOptions};
 use clap::Args;
 use serde::Serialize;
@@ -95,7 +95,7 @@ impl StartArgs {
             )));
         }
         // read before anything is written
-        let profile = self.profile.as_deref().map(Profile::read).transpose()?.unwrap_or_default();
+        let profile = self.profile.as_deref().map(SlurmProfile::read).transpose()?.unwrap_or_default();
         let stop = stop_flag("stopping; runs save checkpoints first")?;
         note_other_data(&plan, &dir);
         let hash = plan.save(&dir)?;
@@ -189,13 +189,13 @@ impl StartArgs {
         for &i in runs {
             let run = &plan.runs[i];
             let state = match progress(plan, i) {
-                Progress::Done => "done",
-                Progress::Failed(_) if self.rerun_failed => "retry",
-                Progress::Failed(_) => "failed",
-                Progress::Open => "to do",
+                RunCompletion::Done => "done",
+                RunCompletion::Failed(_) if self.rerun_failed => "retry",
+                RunCompletion::Failed(_) => "failed",
+                RunCompletion::Open => "to do",
             };
             let entries: Vec<_> = plan.entries.iter().filter(|e| e.run == i).collect();
-            let difference = |e: &&crate::sweep::Entry| {
+            let difference = |e: &&crate::sweep::PlanEntry| {
                 let all: Vec<String> = e.settings.iter().map(|(k, v)| format!("{k} = {v}")).collect();
                 if all.is_empty() { "the base".to_owned() } else { all.join(", ") }
             };
@@ -219,12 +219,12 @@ impl StartArgs {
         plan: &Plan,
         (dir, hash): (&Path, &str),
         runs: &[usize],
-        profile: Profile,
+        profile: SlurmProfile,
     ) -> Result<(), CliError> {
-        let tools = Tools::default();
-        let job = Job { plan: hash.to_owned(), ..Job::new(dir, profile)? };
+        let tools = SlurmTools::default();
+        let job = SlurmJob { plan: hash.to_owned(), ..SlurmJob::new(dir, profile)? };
         let queued = if tools.have("squeue") { queue(&tools, dir, hash)? } else { Default::default() };
-        let open = |i: &usize| progress(plan, *i) == Progress::Open && !queued.contains_key(i);
+        let open = |i: &usize| progress(plan, *i) == RunCompletion::Open && !queued.contains_key(i);
         let tasks: Vec<usize> = runs.iter().copied().filter(open).collect();
         if tasks.is_empty() {
             errln!("nothing to submit: {} runs are done, failed or in the queue", runs.len());

@@ -5,7 +5,7 @@ use crate::cli::{OnSecondSignal, stop_flag_with};
 use crate::program::{build, build_label};
 use crate::sweep::Plan;
 use crate::sweep::local::{HELD, INTERRUPTED};
-use crate::sweep::work::{Ended, work};
+use crate::sweep::work::{RunEnd, work};
 use clap::Args;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
@@ -55,22 +55,22 @@ impl WorkerArgs {
         errln!("run {} of {}: {} ({})", self.task, plan.runs.len(), run.label, run.key);
         let ended = work(&plan, self.task, self.stop_after, &stop);
         match ended.map_err(|e| CliError::failure(format!("{}: {e}", plan.run_folder(self.task).display())))? {
-            Ended::Done => errln!("done"),
-            Ended::AlreadyDone => errln!("already done"),
-            Ended::Paused => errln!("paused"),
-            Ended::Held(holder) => {
+            RunEnd::Done => errln!("done"),
+            RunEnd::AlreadyDone => errln!("already done"),
+            RunEnd::Paused => errln!("paused"),
+            RunEnd::Held(holder) => {
                 errln!("{holder} holds this run");
                 // a sweep on this machine tries again later; a Slurm task is not needed
                 if self.parent.is_some() {
                     return Err(CliError::with_code("another process holds this run", HELD));
                 }
             }
-            Ended::Busy(holder) => {
+            RunEnd::Busy(holder) => {
                 let code = if self.parent.is_some() { HELD } else { INTERRUPTED };
                 return Err(CliError::with_code(format!("in use by {holder}; try again later"), code));
             }
-            Ended::Interrupted => return Err(CliError::with_code("interrupted, with a checkpoint", INTERRUPTED)),
-            Ended::Failed(error) => return Err(CliError::failure(error)),
+            RunEnd::Interrupted => return Err(CliError::with_code("interrupted, with a checkpoint", INTERRUPTED)),
+            RunEnd::Failed(error) => return Err(CliError::failure(error)),
         }
         Ok(())
     }

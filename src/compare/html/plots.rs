@@ -2,17 +2,17 @@
 
 use super::{first_metric, row_name, value, variant_mean, variants};
 use crate::compare::curves::{Curves, mean, smooth};
-use crate::compare::metric::{Better, Column};
-use crate::compare::places::{Place, distinct, places};
-use crate::compare::results::{Outcome, OutcomeState, ResultSet};
+use crate::compare::metric::{Better, MetricColumn};
+use crate::compare::places::{DatasetOnDevice, distinct, places};
+use crate::compare::results::{OutcomeState, ResultSet, VariantOutcome};
 use crate::compare::stats;
 use crate::config::short_key;
 use crate::draw::parallel::{ParallelAxis, ParallelLine, Ticks, parallel_plot};
-use crate::draw::plot::{Series, line_plot};
-use crate::draw::scatter::{Point, scatter_plot};
+use crate::draw::plot::{PlotSeries, line_plot};
+use crate::draw::scatter::{ScatterPoint, scatter_plot};
 use crate::files::RunPaths;
 use crate::nesting::check_toml;
-use crate::report::Block;
+use crate::report::ReportBlock;
 use std::path::Path;
 
 /// Maximum number of curves in a plot: the number that its legend names.
@@ -25,11 +25,11 @@ const COST: (&str, &str) = ("training_minutes", "training, min");
 const LOG_FROM: f64 = 15.0;
 
 /// Three plots for each place: test and training PSNR over steps, test PSNR over time.
-pub(super) fn learning(set: &ResultSet) -> Vec<Block> {
+pub(super) fn learning(set: &ResultSet) -> Vec<ReportBlock> {
     places(set).iter().flat_map(|place| learning_at(set, place)).collect()
 }
 
-fn learning_at(set: &ResultSet, place: &Place) -> Vec<Block> {
+fn learning_at(set: &ResultSet, place: &DatasetOnDevice) -> Vec<ReportBlock> {
     let mut curves: Vec<(&str, Curves)> = variants(set)
         .into_iter()
         .map(|variant| (variant, mean(&runs_of(set, place, variant))))
@@ -44,12 +44,12 @@ fn learning_at(set: &ResultSet, place: &Place) -> Vec<Block> {
     let note =
         if all > curves.len() { format!(" The best {} of {all} variants.", curves.len()) } else { String::new() };
     let plot = |title: &str, x: &str, points: fn(&Curves) -> Vec<(f64, f64)>| {
-        let series: Vec<Series> = curves
+        let series: Vec<PlotSeries> = curves
             .iter()
-            .map(|(variant, c)| Series { name: (*variant).to_owned(), points: points(c) })
+            .map(|(variant, c)| PlotSeries { name: (*variant).to_owned(), points: points(c) })
             .filter(|s| !s.points.is_empty())
             .collect();
-        (!series.is_empty()).then(|| Block::Svg {
+        (!series.is_empty()).then(|| ReportBlock::Svg {
             svg: line_plot(&titled(title, place), x, "PSNR, dB", &series),
             caption: format!("{title}.{note}"),
         })
@@ -65,12 +65,12 @@ fn learning_at(set: &ResultSet, place: &Place) -> Vec<Block> {
 }
 
 /// A plot's title with the place, where places have names.
-fn titled(title: &str, place: &Place) -> String {
+fn titled(title: &str, place: &DatasetOnDevice) -> String {
     if place.name.is_empty() { title.to_owned() } else { format!("{title}: {}", place.name) }
 }
 
 /// Folders of the finished runs of a variant, or of all its runs if none is finished.
-fn runs_of<'a>(set: &'a ResultSet, place: &Place, variant: &str) -> Vec<&'a Path> {
+fn runs_of<'a>(set: &'a ResultSet, place: &DatasetOnDevice, variant: &str) -> Vec<&'a Path> {
     let of = |done: bool| {
         let outcomes = set.outcomes.iter().filter(|o| place.holds(o) && o.variant == variant);
         // Segments of a run share its folder.
@@ -81,9 +81,9 @@ fn runs_of<'a>(set: &'a ResultSet, place: &Place, variant: &str) -> Vec<&'a Path
 }
 
 /// The baseline and the best variants by the first metric, at most `max` in all.
-fn best<'a>(set: &ResultSet, place: &Place, names: &[&'a str], max: usize) -> Vec<&'a str> {
+fn best<'a>(set: &ResultSet, place: &DatasetOnDevice, names: &[&'a str], max: usize) -> Vec<&'a str> {
     let mut ranked = names.to_vec();
-    if let Some(Column { id, better, .. }) = first_metric(set) {
+    if let Some(MetricColumn { id, better, .. }) = first_metric(set) {
         let rank = |name: &str| {
             if name == set.baseline {
                 return f64::NEG_INFINITY;
@@ -99,12 +99,14 @@ fn best<'a>(set: &ResultSet, place: &Place, names: &[&'a str], max: usize) -> Ve
 }
 
 /// A plot of the first metric against training time for each place.
-pub(super) fn cost(set: &ResultSet) -> Vec<Block> {
-    let Some(Column { id, head, .. }) = first_metric(set).filter(|first| first.id != COST.0) else { return Vec::new() };
+pub(super) fn cost(set: &ResultSet) -> Vec<ReportBlock> {
+    let Some(MetricColumn { id, head, .. }) = first_metric(set).filter(|first| first.id != COST.0) else {
+        return Vec::new();
+    };
     let variants = variants(set);
-    let at = |place: &Place| {
+    let at = |place: &DatasetOnDevice| {
         let rows = distinct(set.outcomes.iter().filter(|o| place.holds(o)).map(row_name));
-        let points: Vec<Point> = rows
+        let points: Vec<ScatterPoint> = rows
             .into_iter()
             .filter_map(|name| {
                 let outcomes = || set.outcomes.iter().filter(|o| place.holds(o) && row_name(o) == name);
@@ -113,11 +115,11 @@ pub(super) fn cost(set: &ResultSet) -> Vec<Block> {
                     outcomes().filter_map(|o| Some((value(o, COST.0)?, value(o, &id)?))).collect();
                 let (xs, ys): (Vec<f64>, Vec<f64>) = both.into_iter().unzip();
                 let (x_error, y_error) = (stats::deviation(&xs), stats::deviation(&ys));
-                Some(Point { x: stats::mean(&xs)?, y: stats::mean(&ys)?, x_error, y_error, group, name })
+                Some(ScatterPoint { x: stats::mean(&xs)?, y: stats::mean(&ys)?, x_error, y_error, group, name })
             })
             .collect();
         // a single point has nothing to be compared with
-        (points.len() > 1).then(|| Block::Svg {
+        (points.len() > 1).then(|| ReportBlock::Svg {
             svg: scatter_plot(&titled(&format!("{} against cost", quantity(&head)), place), COST.1, &head, &points),
             caption: format!("{head} against minutes of training, for each variant."),
         })
@@ -131,25 +133,25 @@ pub(super) fn quantity(head: &str) -> &str {
 }
 
 /// A parallel-coordinates plot for each place where at least two settings vary, in at least four combinations.
-pub(super) fn settings(set: &ResultSet) -> Vec<Block> {
+pub(super) fn settings(set: &ResultSet) -> Vec<ReportBlock> {
     places(set).iter().filter_map(|place| settings_at(set, place)).collect()
 }
 
 /// A value of a setting.
 #[derive(Clone, Debug, PartialEq)]
-enum Setting {
+enum SettingValue {
     Number(f64),
     Text(String),
 }
 
-fn settings_at(set: &ResultSet, place: &Place) -> Option<Block> {
-    let Column { id, head, .. } = first_metric(set)?;
-    let outcomes: Vec<(&Outcome, f64)> =
+fn settings_at(set: &ResultSet, place: &DatasetOnDevice) -> Option<ReportBlock> {
+    let MetricColumn { id, head, .. } = first_metric(set)?;
+    let outcomes: Vec<(&VariantOutcome, f64)> =
         set.outcomes.iter().filter(|o| place.holds(o)).filter_map(|o| Some((o, value(o, &id)?))).collect();
     let configs: Vec<Option<toml::Table>> = outcomes.iter().map(|(o, _)| config(&o.run)).collect();
     let mut keys = distinct(outcomes.iter().flat_map(|(o, _)| o.settings.keys()));
     keys.sort();
-    let mut columns: Vec<(&String, Vec<Option<Setting>>, usize)> = keys
+    let mut columns: Vec<(&String, Vec<Option<SettingValue>>, usize)> = keys
         .into_iter()
         .map(|key| {
             let values: Vec<_> = outcomes.iter().zip(&configs).map(|((o, _), c)| setting(o, c.as_ref(), key)).collect();
@@ -186,14 +188,14 @@ fn settings_at(set: &ResultSet, place: &Place) -> Option<Block> {
     if !left_out.is_empty() {
         caption += &format!(" Not shown: {}.", left_out.join(", "));
     }
-    Some(Block::Svg { svg: parallel_plot(&titled("Settings and outcome", place), &axes, &lines), caption })
+    Some(ReportBlock::Svg { svg: parallel_plot(&titled("Settings and outcome", place), &axes, &lines), caption })
 }
 
 /// The ticks of an axis for these values, and the position of each value on it.
-fn axis(values: &[Option<Setting>]) -> (Ticks, Vec<Option<f64>>) {
-    let number = |value: &Setting| match value {
-        Setting::Number(number) => Some(*number),
-        Setting::Text(_) => None,
+fn axis(values: &[Option<SettingValue>]) -> (Ticks, Vec<Option<f64>>) {
+    let number = |value: &SettingValue| match value {
+        SettingValue::Number(number) => Some(*number),
+        SettingValue::Text(_) => None,
     };
     let numbers: Option<Vec<f64>> = values.iter().flatten().map(number).collect();
     if let Some(numbers) = numbers {
@@ -202,13 +204,13 @@ fn axis(values: &[Option<Setting>]) -> (Ticks, Vec<Option<f64>>) {
         let ticks = if low > 0.0 && high / low >= LOG_FROM { Ticks::Log } else { Ticks::Linear };
         return (ticks, values.iter().map(|v| v.as_ref().and_then(number)).collect());
     }
-    let text = |value: &Setting| match value {
-        Setting::Number(number) => number.to_string(),
-        Setting::Text(text) => text.clone(),
+    let text = |value: &SettingValue| match value {
+        SettingValue::Number(number) => number.to_string(),
+        SettingValue::Text(text) => text.clone(),
     };
     let mut names = distinct(values.iter().flatten().map(text));
     names.sort();
-    let place = |value: &Setting| names.iter().position(|n| *n == text(value)).map(|at| at as f64);
+    let place = |value: &SettingValue| names.iter().position(|n| *n == text(value)).map(|at| at as f64);
     let places = values.iter().map(|v| v.as_ref().and_then(place)).collect();
     (Ticks::Names(names), places)
 }
@@ -220,7 +222,7 @@ fn config(run: &Path) -> Option<toml::Table> {
     text.parse().ok()
 }
 
-fn setting(outcome: &Outcome, config: Option<&toml::Table>, key: &str) -> Option<Setting> {
+fn setting(outcome: &VariantOutcome, config: Option<&toml::Table>, key: &str) -> Option<SettingValue> {
     let Some(text) = outcome.settings.get(key) else {
         let (folder, name) = key.rsplit_once('.').map_or((None, key), |(folder, name)| (Some(folder), name));
         let mut table = config?;
@@ -230,14 +232,14 @@ fn setting(outcome: &Outcome, config: Option<&toml::Table>, key: &str) -> Option
         return table.get(name).map(of_value);
     };
     let parsed = check_toml(text).ok().and_then(|()| format!("value = {text}").parse::<toml::Table>().ok());
-    Some(parsed.and_then(|t| t.get("value").map(of_value)).unwrap_or_else(|| Setting::Text(text.clone())))
+    Some(parsed.and_then(|t| t.get("value").map(of_value)).unwrap_or_else(|| SettingValue::Text(text.clone())))
 }
 
-fn of_value(value: &toml::Value) -> Setting {
+fn of_value(value: &toml::Value) -> SettingValue {
     match value {
-        toml::Value::Integer(number) => Setting::Number(*number as f64),
-        toml::Value::Float(number) if number.is_finite() => Setting::Number(*number),
-        toml::Value::String(text) => Setting::Text(text.clone()),
-        other => Setting::Text(other.to_string()),
+        toml::Value::Integer(number) => SettingValue::Number(*number as f64),
+        toml::Value::Float(number) if number.is_finite() => SettingValue::Number(*number),
+        toml::Value::String(text) => SettingValue::Text(text.clone()),
+        other => SettingValue::Text(other.to_string()),
     }
 }

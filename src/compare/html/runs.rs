@@ -2,10 +2,10 @@
 
 use super::plots::quantity;
 use super::{first_metric, row_name, value, variant_mean, variants};
-use crate::compare::metric::{Better, Column};
-use crate::compare::places::{Place, distinct, places};
-use crate::compare::results::{Outcome, OutcomeState, ResultSet};
-use crate::report::{Block, Number};
+use crate::compare::metric::{Better, MetricColumn};
+use crate::compare::places::{DatasetOnDevice, distinct, places};
+use crate::compare::results::{OutcomeState, ResultSet, VariantOutcome};
+use crate::report::{Headline, ReportBlock};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 const MAX_PLACES: usize = 4;
 
 /// The headline figures: number of measured outcomes, best variant of each place, total training time.
-pub(super) fn headline(set: &ResultSet) -> Vec<Number> {
+pub(super) fn headline(set: &ResultSet) -> Vec<Headline> {
     let count = |of: fn(&OutcomeState) -> bool| set.outcomes.iter().filter(|o| of(&o.state)).count();
     let done = count(|state| *state == OutcomeState::Done);
     let others = [
@@ -23,7 +23,7 @@ pub(super) fn headline(set: &ResultSet) -> Vec<Number> {
     ];
     let others = others.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
     let of_all = if done == set.outcomes.len() { String::new() } else { format!("of {}", set.outcomes.len()) };
-    let mut numbers = vec![Number {
+    let mut numbers = vec![Headline {
         value: done.to_string(),
         unit: of_all,
         name: "outcomes measured".to_owned(),
@@ -36,14 +36,14 @@ pub(super) fn headline(set: &ResultSet) -> Vec<Number> {
         let (value, unit) =
             if minutes < 120.0 { (format!("{minutes:.1}"), "min") } else { (format!("{:.1}", minutes / 60.0), "h") };
         let name = "total training".to_owned();
-        numbers.push(Number { value, unit: unit.to_owned(), name, note: String::new() });
+        numbers.push(Headline { value, unit: unit.to_owned(), name, note: String::new() });
     }
     numbers
 }
 
 /// The best variant by the first metric, and its difference to the baseline.
-fn best(set: &ResultSet, place: &Place) -> Option<Number> {
-    let Column { id, head, digits, better, .. } = first_metric(set)?;
+fn best(set: &ResultSet, place: &DatasetOnDevice) -> Option<Headline> {
+    let MetricColumn { id, head, digits, better, .. } = first_metric(set)?;
     let higher = match better {
         Better::Higher => true,
         Better::Lower => false,
@@ -67,22 +67,22 @@ fn best(set: &ResultSet, place: &Place) -> Option<Number> {
         note += &format!("; {:+.digits$} to {}", mean - base, set.baseline);
     }
     let name = format!("best {}", quantity(&head));
-    Some(Number { value: format!("{mean:.digits$}"), unit: unit.to_owned(), name, note })
+    Some(Headline { value: format!("{mean:.digits$}"), unit: unit.to_owned(), name, note })
 }
 
 /// Heading, whether it is shown, and its cells.
-type TextColumn<'a> = (&'a str, bool, fn(&Outcome) -> &String);
+type TextColumn<'a> = (&'a str, bool, fn(&VariantOutcome) -> &String);
 
 /// The list of all outcomes.
-pub(super) fn list(set: &ResultSet) -> Vec<Block> {
+pub(super) fn list(set: &ResultSet) -> Vec<ReportBlock> {
     if set.outcomes.is_empty() {
-        return vec![Block::Missing { what: "runs".to_owned(), how: String::new() }];
+        return vec![ReportBlock::Missing { what: "runs".to_owned(), how: String::new() }];
     }
     let folder = common_folder(set.outcomes.iter().map(|o| o.run.as_path()));
     let name = if set.head.is_empty() { "variant" } else { &set.head };
     // columns that are empty or constant only make the table wider
     let all = &set.outcomes;
-    let several = |of: fn(&Outcome) -> &String| all.iter().any(|o| of(o) != of(&all[0]));
+    let several = |of: fn(&VariantOutcome) -> &String| all.iter().any(|o| of(o) != of(&all[0]));
     let columns: [TextColumn<'_>; 4] = [
         (name, true, |o| &o.variant),
         ("segment", several(|o| &o.segment) || !all[0].segment.is_empty(), |o| &o.segment),
@@ -92,10 +92,10 @@ pub(super) fn list(set: &ResultSet) -> Vec<Block> {
     let columns: Vec<_> = columns.into_iter().filter(|(_, on, _)| *on).collect();
     let mut head: Vec<String> = columns.iter().map(|(name, ..)| (*name).to_owned()).collect();
     head.extend(["seed", "state"].map(String::from));
-    let metrics: Vec<Column> = set.metrics.iter().map(|id| Column::by_id(id)).collect();
+    let metrics: Vec<MetricColumn> = set.metrics.iter().map(|id| MetricColumn::by_id(id)).collect();
     head.extend(metrics.iter().map(|metric| metric.head.clone()));
     head.push("run".to_owned());
-    let row = |o: &Outcome| {
+    let row = |o: &VariantOutcome| {
         let mut row: Vec<String> = columns.iter().map(|(_, _, of)| of(o).clone()).collect();
         row.extend([o.seed.to_string(), state(&o.state)]);
         row.extend(metrics.iter().map(|metric| {
@@ -109,7 +109,7 @@ pub(super) fn list(set: &ResultSet) -> Vec<Block> {
         none if none.is_empty() => String::new(),
         folder => format!("Run folders are in {folder}."),
     };
-    vec![Block::Table { head, rows: set.outcomes.iter().map(row).collect(), caption, highlight: None }]
+    vec![ReportBlock::Table { head, rows: set.outcomes.iter().map(row).collect(), caption, highlight: None }]
 }
 
 fn state(state: &OutcomeState) -> String {
@@ -131,12 +131,12 @@ fn common_folder<'a>(runs: impl Iterator<Item = &'a Path>) -> PathBuf {
 }
 
 /// The error of each failed run.
-pub(super) fn failures(set: &ResultSet) -> Vec<Block> {
-    let text = |o: &Outcome| {
+pub(super) fn failures(set: &ResultSet) -> Vec<ReportBlock> {
+    let text = |o: &VariantOutcome| {
         let OutcomeState::Failed(error) = &o.state else { return None };
         let of = [row_name(o), o.dataset.clone(), o.device.clone(), format!("seed {}", o.seed)];
         let of: Vec<String> = of.into_iter().filter(|part| !part.is_empty()).collect();
-        Some(Block::Text(format!("{}\n{}\n{}", of.join(", "), o.run.display(), error.trim())))
+        Some(ReportBlock::Text(format!("{}\n{}\n{}", of.join(", "), o.run.display(), error.trim())))
     };
     set.outcomes.iter().filter_map(text).collect()
 }

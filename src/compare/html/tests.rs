@@ -10,8 +10,8 @@ fn text(value: &str) -> String {
     value.to_owned()
 }
 
-fn outcome(root: &Path, variant: &str, seed: u64, psnr: f64) -> Outcome {
-    Outcome {
+fn outcome(root: &Path, variant: &str, seed: u64, psnr: f64) -> VariantOutcome {
+    VariantOutcome {
         variant: text(variant),
         dataset: text("vortex"),
         device: text("cpu"),
@@ -19,7 +19,7 @@ fn outcome(root: &Path, variant: &str, seed: u64, psnr: f64) -> Outcome {
         run: root.join(format!("{variant}-{seed}")),
         state: OutcomeState::Done,
         metrics: BTreeMap::from([(text("psnr"), psnr), (text("training_minutes"), 2.0 + psnr / 10.0)]),
-        ..Outcome::default()
+        ..VariantOutcome::default()
     }
 }
 
@@ -37,7 +37,7 @@ fn set(root: &Path) -> ResultSet {
         }
     }
     let failed = OutcomeState::Failed(text("out of <memory>"));
-    outcomes.push(Outcome { state: failed, ..outcome(root, "huge", 1, f64::NAN) });
+    outcomes.push(VariantOutcome { state: failed, ..outcome(root, "huge", 1, f64::NAN) });
     ResultSet {
         name: text("loss"),
         title: text("Loss"),
@@ -51,10 +51,10 @@ fn set(root: &Path) -> ResultSet {
 }
 
 /// A table with one row.
-fn table(caption: &str, head: &[&str], row: &[&str]) -> Block {
+fn table(caption: &str, head: &[&str], row: &[&str]) -> ReportBlock {
     let [head, row] = [head, row].map(|cells| cells.iter().map(|cell| text(cell)).collect::<Vec<_>>());
     let rows = if row.is_empty() { Vec::new() } else { vec![row] };
-    Block::Table { head, rows, caption: text(caption), highlight: None }
+    ReportBlock::Table { head, rows, caption: text(caption), highlight: None }
 }
 
 fn ids(report: &Report) -> Vec<&str> {
@@ -68,7 +68,7 @@ fn every_section_shows_what_was_measured() {
     let order = table("", &[], &["PSNR", "l1 > l2 agrees"]);
     let report = report(&set(dir.path()), vec![shown], Some(order));
     assert_eq!(ids(&report), ["summary", "table", "order", "curves", "cost", "runs", "failures"]);
-    let Block::Numbers(numbers) = &report.sections[0].blocks[0] else { panic!("no numbers") };
+    let ReportBlock::Numbers(numbers) = &report.sections[0].blocks[0] else { panic!("no numbers") };
     assert_eq!(
         (numbers[0].value.as_str(), numbers[0].unit.as_str(), numbers[0].note.as_str()),
         ("4", "of 5", "1 failed")
@@ -113,7 +113,7 @@ fn a_settings_plot_needs_two_keys_and_four_combinations() {
     std::fs::write(base.run.join("config.toml"), "[optim]\nrate = 0.1\n").unwrap();
     let page = report(&set, Vec::new(), None);
     let section = page.sections.iter().find(|s| s.id == "settings").unwrap();
-    let [Block::Svg { svg, caption }] = &section.blocks[..] else { panic!("one plot") };
+    let [ReportBlock::Svg { svg, caption }] = &section.blocks[..] else { panic!("one plot") };
     assert_eq!(caption, "Settings of each run (loss.kind, optim.rate) and PSNR, dB.");
     for part in [">kind<", ">rate<", ">l1<", ">l2<", ">0.01<", ">PSNR, dB<"] {
         assert!(svg.contains(part), "{part}");

@@ -1,10 +1,10 @@
 //! Whether variants rank in the paper's order, judged by confidence intervals.
 
-use super::{Row, Table};
-use crate::compare::metric::{self, Better, Column};
+use super::{ResultTable, TableRow};
+use crate::compare::metric::{self, Better, MetricColumn};
 use crate::compare::places::distinct;
 use crate::compare::results::PaperTable;
-use crate::compare::stats::{Difference, difference, mean};
+use crate::compare::stats::{MeanDifference, difference, mean};
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,11 +18,11 @@ pub struct Ordering {
     /// The device that was measured.
     pub device: String,
     /// The metric measured here.
-    pub metric: Column,
+    pub metric: MetricColumn,
     /// Whether all pairs hold.
     pub holds: bool,
     /// The pairs of variants that the paper distinguishes.
-    pub pairs: Vec<Pair>,
+    pub pairs: Vec<VariantPair>,
     /// The metric, with the dataset and device if there are several.
     pub what: String,
     /// The paper's variants, best first, with a sign between neighbours.
@@ -37,7 +37,7 @@ pub struct Ordering {
 
 /// Two variants that the paper distinguishes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Pair {
+pub struct VariantPair {
     /// The better one in the paper.
     pub better: String,
     /// The worse one in the paper.
@@ -45,7 +45,7 @@ pub struct Pair {
     /// The verdict of the measurements here.
     pub verdict: Verdict,
     /// The difference measured here, `better` minus `worse`.
-    pub difference: Option<Difference>,
+    pub difference: Option<MeanDifference>,
 }
 
 /// Whether a pair is in the paper's order.
@@ -67,12 +67,12 @@ pub enum Verdict {
 ///
 /// If the paper has rows by segment (`variant/segment`), means over its segments are compared with means over the
 /// segments measured here.
-pub fn orderings(table: &Table<'_>) -> Vec<Ordering> {
+pub fn orderings(table: &ResultTable<'_>) -> Vec<Ordering> {
     let Some(paper) = &table.set.paper else {
         return Vec::new();
     };
     let mut out = Vec::new();
-    let place = |row: &Row| (row.dataset.clone(), row.device.clone());
+    let place = |row: &TableRow| (row.dataset.clone(), row.device.clone());
     for rows in table.rows.chunk_by(|a, b| place(a) == place(b)) {
         for (at, metric) in table.metrics.iter().enumerate() {
             if let Some(id) = paper_id(paper, table, at) {
@@ -84,7 +84,7 @@ pub fn orderings(table: &Table<'_>) -> Vec<Ordering> {
 }
 
 /// The paper's name for the table's metric `at`, if the paper has it.
-fn paper_id(paper: &PaperTable, table: &Table<'_>, at: usize) -> Option<String> {
+fn paper_id(paper: &PaperTable, table: &ResultTable<'_>, at: usize) -> Option<String> {
     let ours = &table.metrics[at].id;
     let has = |id: &str| paper.rows.values().any(|row| row.contains_key(id));
     if has(ours) {
@@ -92,7 +92,7 @@ fn paper_id(paper: &PaperTable, table: &Table<'_>, at: usize) -> Option<String> 
     }
     // the paper may give the abbreviation alone, such as that of LPIPS without its network
     let short = &table.metrics[at].short;
-    let alike: Vec<String> = metric::known().into_iter().filter(|id| Column::by_id(id).short == *short).collect();
+    let alike: Vec<String> = metric::known().into_iter().filter(|id| MetricColumn::by_id(id).short == *short).collect();
     let column = |id: &String| table.metrics.iter().position(|m| m.id == *id);
     let measured = |at: &usize| table.rows.iter().any(|row| row.cells[*at].n() > 0);
     let there: Vec<usize> = alike.iter().filter_map(column).collect();
@@ -103,10 +103,10 @@ fn paper_id(paper: &PaperTable, table: &Table<'_>, at: usize) -> Option<String> 
 
 fn ordering(
     paper: &PaperTable,
-    table: &Table<'_>,
-    rows: &[Row],
+    table: &ResultTable<'_>,
+    rows: &[TableRow],
     at: usize,
-    metric: &Column,
+    metric: &MetricColumn,
     id: &str,
 ) -> Option<Ordering> {
     let (mut theirs, by_segment) = paper_values(paper, rows, id);
@@ -119,7 +119,7 @@ fn ordering(
             if !same(*high, *low) {
                 let found = difference(values(better), values(worse));
                 let verdict = verdict(metric, values(better), values(worse), found);
-                pairs.push(Pair { better: better.clone(), worse: worse.clone(), verdict, difference: found });
+                pairs.push(VariantPair { better: better.clone(), worse: worse.clone(), verdict, difference: found });
             }
         }
     }
@@ -168,7 +168,7 @@ fn mean_of(values: &[(u64, f64)]) -> Option<f64> {
 }
 
 /// The paper's value of each variant in `rows`, and whether these are means over segments.
-fn paper_values(paper: &PaperTable, rows: &[Row], id: &str) -> (Vec<(String, f64)>, bool) {
+fn paper_values(paper: &PaperTable, rows: &[TableRow], id: &str) -> (Vec<(String, f64)>, bool) {
     let variants = distinct(rows.iter().map(|row| row.variant.as_str()));
     let mut found: BTreeMap<&str, BTreeMap<&str, f64>> = BTreeMap::new();
     for (key, metrics) in &paper.rows {
@@ -194,8 +194,8 @@ fn mean_over(by_segment: &BTreeMap<&str, f64>, segments: &BTreeSet<&str>) -> Opt
 }
 
 /// The measured values of each variant by seed; means over all segments that any variant was measured on.
-fn our_values(rows: &[Row], at: usize, by_segment: bool) -> BTreeMap<&str, Vec<(u64, f64)>> {
-    let kind = |segments: bool| -> Vec<&Row> {
+fn our_values(rows: &[TableRow], at: usize, by_segment: bool) -> BTreeMap<&str, Vec<(u64, f64)>> {
+    let kind = |segments: bool| -> Vec<&TableRow> {
         rows.iter().filter(|row| row.segment.is_empty() != segments && row.cells[at].n() > 0).collect()
     };
     let wanted = kind(by_segment);
@@ -220,7 +220,12 @@ fn our_values(rows: &[Row], at: usize, by_segment: bool) -> BTreeMap<&str, Vec<(
     out
 }
 
-fn verdict(metric: &Column, better: &[(u64, f64)], worse: &[(u64, f64)], difference: Option<Difference>) -> Verdict {
+fn verdict(
+    metric: &MetricColumn,
+    better: &[(u64, f64)],
+    worse: &[(u64, f64)],
+    difference: Option<MeanDifference>,
+) -> Verdict {
     let (Some(difference), Some(high), Some(low)) = (difference, mean_of(better), mean_of(worse)) else {
         return Verdict::Unmeasured;
     };
@@ -234,13 +239,13 @@ fn verdict(metric: &Column, better: &[(u64, f64)], worse: &[(u64, f64)], differe
     }
 }
 
-fn sign(metric: &Column) -> &'static str {
+fn sign(metric: &MetricColumn) -> &'static str {
     if metric.better == Better::Lower { "<" } else { ">" }
 }
 
 /// Best first, with a sign between neighbours.
 fn chain(
-    metric: &Column,
+    metric: &MetricColumn,
     sorted: &[(String, f64)],
     equal: impl Fn(f64, f64) -> bool,
     show: impl Fn(&str, f64) -> String,
@@ -257,7 +262,7 @@ fn chain(
 }
 
 /// How many pairs hold, and the verdicts on the others.
-fn tally(metric: &Column, pairs: &[Pair]) -> String {
+fn tally(metric: &MetricColumn, pairs: &[VariantPair]) -> String {
     let holding = pairs.iter().filter(|pair| pair.verdict == Verdict::Holds).count();
     let mut parts = match (holding, pairs.len()) {
         // the verdict on it follows

@@ -5,8 +5,8 @@ use crate::compare::results::PaperTable;
 use proptest::prelude::*;
 
 /// A measured outcome on dataset `jets` and device `flex`.
-pub(crate) fn outcome(variant: &str, seed: u64, metrics: &[(&str, f64)]) -> Outcome {
-    Outcome {
+pub(crate) fn outcome(variant: &str, seed: u64, metrics: &[(&str, f64)]) -> VariantOutcome {
+    VariantOutcome {
         variant: variant.to_owned(),
         dataset: "jets".to_owned(),
         device: "flex".to_owned(),
@@ -14,17 +14,17 @@ pub(crate) fn outcome(variant: &str, seed: u64, metrics: &[(&str, f64)]) -> Outc
         run: PathBuf::from(format!("runs/{variant}-{seed}")),
         state: OutcomeState::Done,
         metrics: metrics.iter().map(|(id, v)| ((*id).to_owned(), *v)).collect(),
-        ..Outcome::default()
+        ..VariantOutcome::default()
     }
 }
 
 /// The same for a segment.
-pub(crate) fn part(segment: &str, variant: &str, seed: u64, metrics: &[(&str, f64)]) -> Outcome {
-    Outcome { segment: segment.to_owned(), ..outcome(variant, seed, metrics) }
+pub(crate) fn part(segment: &str, variant: &str, seed: u64, metrics: &[(&str, f64)]) -> VariantOutcome {
+    VariantOutcome { segment: segment.to_owned(), ..outcome(variant, seed, metrics) }
 }
 
 /// A set whose baseline is the first variant.
-pub(crate) fn set(metrics: &[&str], outcomes: Vec<Outcome>) -> ResultSet {
+pub(crate) fn set(metrics: &[&str], outcomes: Vec<VariantOutcome>) -> ResultSet {
     ResultSet {
         name: "losses".to_owned(),
         title: "Losses".to_owned(),
@@ -50,24 +50,24 @@ pub(crate) fn losses() -> ResultSet {
     let seeds = |variant: &'static str, values: [f64; 3]| {
         (0..3u64).zip(values).map(move |(seed, psnr)| outcome(variant, seed, &[("psnr", psnr), ("lpips_vgg", 0.1)]))
     };
-    let mut all: Vec<Outcome> = seeds("L2", [27.0, 27.1, 26.9]).collect();
+    let mut all: Vec<VariantOutcome> = seeds("L2", [27.0, 27.1, 26.9]).collect();
     all.extend(seeds("L2+SSIM", [27.0, 27.2, 27.1]));
     all.extend(seeds("L1", [25.2, 25.3, 25.1]));
     set(&["psnr", "lpips_alex", "lpips_vgg"], all)
 }
 
-fn names<'t>(table: &'t Table<'_>) -> Vec<[&'t str; 3]> {
+fn names<'t>(table: &'t ResultTable<'_>) -> Vec<[&'t str; 3]> {
     table.rows.iter().map(|r| [r.dataset.as_str(), r.segment.as_str(), r.variant.as_str()]).collect()
 }
 
-fn best(table: &Table<'_>, at: usize) -> Vec<bool> {
+fn best(table: &ResultTable<'_>, at: usize) -> Vec<bool> {
     table.rows.iter().map(|row| row.cells[at].best).collect()
 }
 
 #[test]
 fn rows_come_in_order_and_sum_up_their_seeds() {
     let losses = losses();
-    let table = Table::new(&losses);
+    let table = ResultTable::new(&losses);
     assert_eq!(names(&table), [["jets", "", "L2"], ["jets", "", "L2+SSIM"], ["jets", "", "L1"]]);
     assert_eq!(table.shows, Shows::default());
     let cell = &table.rows[1].cells[0];
@@ -87,7 +87,7 @@ fn rows_are_grouped_by_segment() {
     let values = [("L1", "a", 1.0), ("L1", "b", 2.0), ("L2", "a", 3.0), ("L2", "b", 1.0)];
     let outcomes = values.map(|(variant, segment, iou)| part(segment, variant, 0, &[("iou", iou)]));
     let set = set(&["iou"], outcomes.to_vec());
-    let table = Table::new(&set);
+    let table = ResultTable::new(&set);
     assert_eq!(names(&table), [["jets", "a", "L1"], ["jets", "a", "L2"], ["jets", "b", "L1"], ["jets", "b", "L2"]]);
     assert_eq!(table.shows, Shows { segment: true, ..Shows::default() });
     assert_eq!(best(&table, 0), [false, true, true, false]);
@@ -101,7 +101,7 @@ fn the_best_is_judged_by_displayed_digits() {
     let of = |id: &str, values: &[f64]| {
         let names = ["a", "b", "c"];
         let outcomes = names.iter().zip(values).map(|(name, v)| outcome(name, 0, &[(id, *v)])).collect();
-        best(&Table::new(&set(&[id], outcomes)), 0)
+        best(&ResultTable::new(&set(&[id], outcomes)), 0)
     };
     assert_eq!(of("psnr", &[27.101, 27.104, 27.0]), [true, true, false]);
     assert_eq!(of("lpips_alex", &[0.1, 0.2]), [true, false]);
@@ -114,13 +114,13 @@ fn the_best_is_judged_by_displayed_digits() {
 
 #[test]
 fn runs_that_did_not_end_well_are_counted_not_measured() {
-    let mut outcomes: Vec<Outcome> = (0..5).map(|seed| outcome("a", seed, &[("psnr", seed as f64)])).collect();
+    let mut outcomes: Vec<VariantOutcome> = (0..5).map(|seed| outcome("a", seed, &[("psnr", seed as f64)])).collect();
     outcomes[0].state = OutcomeState::Failed("first".to_owned());
     outcomes[1].state = OutcomeState::Failed("second".to_owned());
     outcomes[2].state = OutcomeState::Stopped(300);
     outcomes[3].state = OutcomeState::Missing;
     let set = set(&["psnr", "psnr"], outcomes);
-    let table = Table::new(&set);
+    let table = ResultTable::new(&set);
     assert_eq!(table.metrics.len(), 1);
     let row = &table.rows[0];
     assert_eq!((row.done, row.missing, row.stopped, row.failures.len(), row.outcomes()), (1, 1, 1, 2, 5));
@@ -131,14 +131,14 @@ fn runs_that_did_not_end_well_are_counted_not_measured() {
 #[test]
 fn empty_and_failed_sets_make_tables() {
     let nothing = ResultSet::default();
-    let empty = Table { set: &nothing, metrics: Vec::new(), shows: Shows::default(), rows: Vec::new() };
-    assert_eq!(Table::new(&nothing), empty);
-    assert!(orderings(&Table::new(&nothing)).is_empty());
+    let empty = ResultTable { set: &nothing, metrics: Vec::new(), shows: Shows::default(), rows: Vec::new() };
+    assert_eq!(ResultTable::new(&nothing), empty);
+    assert!(orderings(&ResultTable::new(&nothing)).is_empty());
     let mut failed = losses();
     failed.paper = paper(&[("L2", "psnr", 27.0), ("L1", "psnr", 26.0)]);
     failed.outcomes.iter_mut().for_each(|o| o.state = OutcomeState::Failed("no".to_owned()));
-    let table = Table::new(&failed);
-    assert!(table.rows.iter().all(|row| row.cells.iter().all(|cell| cell == &Cell::default())));
+    let table = ResultTable::new(&failed);
+    assert!(table.rows.iter().all(|row| row.cells.iter().all(|cell| cell == &MetricCell::default())));
     assert!(!table.has_differences());
     let found = orderings(&table);
     assert_eq!(found[0].pairs[0].verdict, Verdict::Unmeasured);
@@ -146,7 +146,7 @@ fn empty_and_failed_sets_make_tables() {
     assert_eq!(found[0].text, "PSNR: L2 > L1 in the paper; here nothing was measured: L2 > L1 is not measured");
     let mut stray = losses();
     stray.baseline = "another".to_owned();
-    assert!(!Table::new(&stray).has_differences());
+    assert!(!ResultTable::new(&stray).has_differences());
 }
 
 #[test]
@@ -160,7 +160,7 @@ fn the_papers_order_is_judged_by_intervals() {
         ("L2", "lpips", 0.2),
         ("L1", "lpips", 0.2),
     ]);
-    let found = orderings(&Table::new(&losses));
+    let found = orderings(&ResultTable::new(&losses));
     assert_eq!(found.len(), 1, "equal LPIPS values have no order");
     assert_eq!(
         found[0].text,
@@ -179,7 +179,7 @@ fn lpips_is_whichever_was_measured() {
         outcome.metrics.insert("lpips_vgg".to_owned(), 0.1 + (i / 3) as f64);
     }
     losses.paper = paper(&[("L2", "lpips", 0.1), ("L1", "lpips", 0.2)]);
-    let found = orderings(&Table::new(&losses));
+    let found = orderings(&ResultTable::new(&losses));
     assert_eq!(found[0].metric.id, "lpips_vgg");
     assert!(found[0].holds);
     assert_eq!(found[0].text, "LPIPS (VGG-16): L2 < L1 in the paper; here L2 0.1000 < L1 2.1000: the pair holds");
@@ -190,7 +190,7 @@ fn one_seed_is_judged_by_displayed_digits() {
     let verdict = |ours: f64| {
         let mut one = set(&["psnr"], vec![outcome("a", 0, &[("psnr", ours)]), outcome("b", 0, &[("psnr", 27.0)])]);
         one.paper = paper(&[("a", "psnr", 30.0), ("b", "psnr", 29.0)]);
-        let found = orderings(&Table::new(&one)).remove(0);
+        let found = orderings(&ResultTable::new(&one)).remove(0);
         assert!(found.text.ends_with("without confidence intervals, which need two seeds"), "{}", found.text);
         found.pairs[0].verdict
     };
@@ -219,7 +219,7 @@ fn means_over_segments_are_compared_with_the_papers() {
         ("a/b/bunny", "iou", 0.1),
         ("a/b/dragon", "iou", 0.1),
     ]);
-    let found = orderings(&Table::new(&parts)).remove(0);
+    let found = orderings(&ResultTable::new(&parts)).remove(0);
     assert!(
         found.text.starts_with(
             "IoU: a > b > a/b in the paper; here a 4.00 > b 2.00: 1 of 3 pairs hold, a > a/b is not measured"
@@ -233,10 +233,10 @@ fn means_over_segments_are_compared_with_the_papers() {
 fn each_dataset_is_judged_alone() {
     let mut two = losses();
     for outcome in losses().outcomes {
-        two.outcomes.push(Outcome { dataset: "vortex".to_owned(), ..outcome });
+        two.outcomes.push(VariantOutcome { dataset: "vortex".to_owned(), ..outcome });
     }
     two.paper = paper(&[("L2", "psnr", 28.0), ("L1", "psnr", 27.5)]);
-    let found = orderings(&Table::new(&two));
+    let found = orderings(&ResultTable::new(&two));
     assert_eq!(found.len(), 2);
     assert!(found[1].holds && found[1].text.starts_with("PSNR (vortex): L2 > L1 in the paper"));
 }
@@ -253,8 +253,8 @@ proptest! {
             .map(|(v, seed, s, psnr, n)| part(["", "x"][*s], names[*v], *seed, &[("psnr", *psnr), ("gaussians", *n)]));
         let mut set = set(&["psnr", "gaussians", "ssim"], outcomes.collect());
         set.paper = paper(&[("a", "psnr", theirs[0]), ("b", "psnr", theirs[1]), ("c", "psnr", theirs[2])]);
-        let table = Table::new(&set);
-        prop_assert_eq!(table.rows.iter().map(Row::outcomes).sum::<usize>(), runs.len());
+        let table = ResultTable::new(&set);
+        prop_assert_eq!(table.rows.iter().map(TableRow::outcomes).sum::<usize>(), runs.len());
         for cell in table.rows.iter().flat_map(|row| &row.cells) {
             prop_assert!(cell.mean.is_none_or(f64::is_finite) && cell.deviation.is_none_or(f64::is_finite));
             prop_assert!(!cell.best || cell.mean.is_some());

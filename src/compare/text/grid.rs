@@ -1,38 +1,38 @@
 //! A table as rows of plain text, before any escaping; used by both Markdown and pages.
 
-use crate::compare::metric::{Better, Column};
-use crate::compare::table::{Cell, Row, Table};
+use crate::compare::metric::{Better, MetricColumn};
+use crate::compare::table::{MetricCell, ResultTable, TableRow};
 
 /// Rows of text under a heading.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Grid {
+pub struct TextGrid {
     /// Headings of the columns.
     pub head: Vec<String>,
     /// Rows, each as long as the heading.
-    pub rows: Vec<Vec<Entry>>,
+    pub rows: Vec<Vec<TextCell>>,
     /// Number of columns on the left that hold words; the others hold numbers.
     pub words: usize,
 }
 
 /// The text of a cell.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Entry {
+pub struct TextCell {
     /// The text.
     pub text: String,
     /// Whether it is the best of its column.
     pub bold: bool,
 }
 
-impl From<String> for Entry {
+impl From<String> for TextCell {
     fn from(text: String) -> Self {
         Self { text, bold: false }
     }
 }
 
-impl Grid {
+impl TextGrid {
     /// Returns the rows with the best cells enclosed in `**`.
     pub fn starred(&self) -> Vec<Vec<String>> {
-        let star = |e: &Entry| if e.bold { format!("**{}**", e.text) } else { e.text.clone() };
+        let star = |e: &TextCell| if e.bold { format!("**{}**", e.text) } else { e.text.clone() };
         self.rows.iter().map(|row| row.iter().map(star).collect()).collect()
     }
 }
@@ -41,16 +41,16 @@ impl Grid {
 const NONE: &str = "–";
 
 /// Whether every row has the same number of runs, all of them measured.
-pub(super) fn is_complete(table: &Table<'_>) -> bool {
+pub(super) fn is_complete(table: &ResultTable<'_>) -> bool {
     table.rows.iter().all(|row| row.done == row.outcomes() && row.done == table.rows[0].done)
 }
 
 /// Rows of their names and an entry for each metric.
 fn grid<'t>(
-    table: &Table<'_>,
-    rows: impl Iterator<Item = &'t Row>,
-    entry: impl Fn(&Column, &Cell, &Row) -> Entry,
-) -> Grid {
+    table: &ResultTable<'_>,
+    rows: impl Iterator<Item = &'t TableRow>,
+    entry: impl Fn(&MetricColumn, &MetricCell, &TableRow) -> TextCell,
+) -> TextGrid {
     let mut head = names_head(table);
     let words = head.len();
     head.extend(table.metrics.iter().map(heading));
@@ -59,11 +59,11 @@ fn grid<'t>(
         entries.extend(table.metrics.iter().zip(&row.cells).map(|(metric, cell)| entry(metric, cell, row)));
         entries
     });
-    Grid { head, rows: rows.collect(), words }
+    TextGrid { head, rows: rows.collect(), words }
 }
 
 /// Mean and deviation of each metric, and the number of runs if it differs between rows or some were not measured.
-pub fn results(table: &Table<'_>) -> Grid {
+pub fn results(table: &ResultTable<'_>) -> TextGrid {
     let mut grid = grid(table, table.rows.iter(), value);
     if !is_complete(table) {
         grid.head.push("runs".to_owned());
@@ -73,13 +73,13 @@ pub fn results(table: &Table<'_>) -> Grid {
 }
 
 /// Differences to the baseline with their intervals; `None` if there are none.
-pub fn differences(table: &Table<'_>) -> Option<Grid> {
+pub fn differences(table: &ResultTable<'_>) -> Option<TextGrid> {
     let others = table.rows.iter().filter(|row| row.variant != table.set.baseline);
     table.has_differences().then(|| grid(table, others, |metric, cell, _| difference(metric, cell).into()))
 }
 
 /// Headings of the columns that name a row.
-pub(super) fn names_head(table: &Table<'_>) -> Vec<String> {
+pub(super) fn names_head(table: &ResultTable<'_>) -> Vec<String> {
     let shows = table.shows;
     let variant = if table.set.head.is_empty() { "variant" } else { table.set.head.as_str() };
     [(shows.dataset, "dataset"), (shows.device, "device"), (shows.segment, "segment"), (true, variant)]
@@ -90,7 +90,7 @@ pub(super) fn names_head(table: &Table<'_>) -> Vec<String> {
 }
 
 /// The entries of a row in those columns.
-pub(super) fn names(table: &Table<'_>, row: &Row) -> Vec<Entry> {
+pub(super) fn names(table: &ResultTable<'_>, row: &TableRow) -> Vec<TextCell> {
     let shows = table.shows;
     let segment = if row.segment.is_empty() { "whole scene" } else { &row.segment };
     [(shows.dataset, &*row.dataset), (shows.device, &*row.device), (shows.segment, segment), (true, &*row.variant)]
@@ -100,7 +100,7 @@ pub(super) fn names(table: &Table<'_>, row: &Row) -> Vec<Entry> {
         .collect()
 }
 
-fn heading(metric: &Column) -> String {
+fn heading(metric: &MetricColumn) -> String {
     match metric.better {
         Better::Higher => format!("{} ↑", metric.head),
         Better::Lower => format!("{} ↓", metric.head),
@@ -108,7 +108,7 @@ fn heading(metric: &Column) -> String {
     }
 }
 
-fn value(metric: &Column, cell: &Cell, row: &Row) -> Entry {
+fn value(metric: &MetricColumn, cell: &MetricCell, row: &TableRow) -> TextCell {
     let Some(mean) = cell.mean else {
         return NONE.to_owned().into();
     };
@@ -119,10 +119,10 @@ fn value(metric: &Column, cell: &Cell, row: &Row) -> Entry {
     if cell.n() != row.done {
         text += &format!(" (n = {})", cell.n());
     }
-    Entry { text, bold: cell.best }
+    TextCell { text, bold: cell.best }
 }
 
-fn difference(metric: &Column, cell: &Cell) -> String {
+fn difference(metric: &MetricColumn, cell: &MetricCell) -> String {
     let Some(found) = cell.difference else {
         return NONE.to_owned();
     };
@@ -134,7 +134,7 @@ fn difference(metric: &Column, cell: &Cell) -> String {
 }
 
 /// How many runs of a row were measured, and why the others were not.
-pub(super) fn runs(row: &Row) -> String {
+pub(super) fn runs(row: &TableRow) -> String {
     if row.done == row.outcomes() {
         return row.done.to_string();
     }

@@ -1,13 +1,13 @@
 //! A set, its table and the paper's order as one JSON value.
 
-use crate::compare::metric::Column;
+use crate::compare::metric::MetricColumn;
 use crate::compare::results::ResultSet;
-use crate::compare::table::{Cell, Ordering, Row, Table};
+use crate::compare::table::{MetricCell, Ordering, ResultTable, TableRow};
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 
 /// Returns an object of `set` (which can be read back), `columns`, `rows` with their cells by metric, and `orderings`.
-pub fn json(table: &Table<'_>, orderings: &[Ordering]) -> Value {
+pub fn json(table: &ResultTable<'_>, orderings: &[Ordering]) -> Value {
     json!({
         "set": serde_json::to_value(writable(table.set)).unwrap_or_default(),
         "columns": table.metrics,
@@ -29,7 +29,7 @@ fn writable(set: &ResultSet) -> ResultSet {
     set
 }
 
-fn row(metrics: &[Column], row: &Row) -> Value {
+fn row(metrics: &[MetricColumn], row: &TableRow) -> Value {
     let cells: Map<String, Value> = metrics.iter().zip(&row.cells).map(|(m, c)| (m.id.clone(), cell(c))).collect();
     let failures = row.failures.iter();
     json!({
@@ -48,7 +48,7 @@ fn row(metrics: &[Column], row: &Row) -> Value {
     })
 }
 
-fn cell(cell: &Cell) -> Value {
+fn cell(cell: &MetricCell) -> Value {
     json!({
         "n": cell.n(),
         "mean": cell.mean,

@@ -1,11 +1,11 @@
 //! A table in LaTeX, in the form of the paper's; it needs the booktabs package.
 
 use super::grid::{is_complete, names, names_head, runs};
-use crate::compare::metric::{Better, Column};
-use crate::compare::table::{Cell, Row, Table};
+use crate::compare::metric::{Better, MetricColumn};
+use crate::compare::table::{MetricCell, ResultTable, TableRow};
 
 /// Writes a `table` with caption and label `tab:NAME`. Names of groups appear only in the first row of their group.
-pub fn latex(table: &Table<'_>) -> String {
+pub fn latex(table: &ResultTable<'_>) -> String {
     let heads = names_head(table);
     let complete = is_complete(table);
     let columns = "l".repeat(heads.len()) + &"r".repeat(table.metrics.len() + usize::from(!complete));
@@ -32,7 +32,7 @@ pub fn latex(table: &Table<'_>) -> String {
 }
 
 /// Title and note as sentences.
-fn caption(table: &Table<'_>) -> String {
+fn caption(table: &ResultTable<'_>) -> String {
     let mut parts = Vec::new();
     for text in [&table.set.title, &table.set.note].map(|text| text.trim()) {
         if !text.is_empty() {
@@ -44,7 +44,7 @@ fn caption(table: &Table<'_>) -> String {
 }
 
 /// The paper's abbreviation, or the heading without its unit if two columns share the abbreviation.
-fn heading(table: &Table<'_>, metric: &Column) -> String {
+fn heading(table: &ResultTable<'_>, metric: &MetricColumn) -> String {
     let shared = table.metrics.iter().filter(|m| m.short == metric.short).count() > 1;
     let text = escape(if shared { metric.name() } else { &metric.short });
     match metric.better {
@@ -54,7 +54,7 @@ fn heading(table: &Table<'_>, metric: &Column) -> String {
     }
 }
 
-fn group(table: &Table<'_>, rows: &[Row]) -> String {
+fn group(table: &ResultTable<'_>, rows: &[TableRow]) -> String {
     let complete = is_complete(table);
     let mut out = String::new();
     for (i, row) in rows.iter().enumerate() {
@@ -69,7 +69,7 @@ fn group(table: &Table<'_>, rows: &[Row]) -> String {
     out
 }
 
-fn value(metric: &Column, cell: &Cell, row: &Row) -> String {
+fn value(metric: &MetricColumn, cell: &MetricCell, row: &TableRow) -> String {
     let Some(mean) = cell.mean else {
         return "--".to_owned();
     };

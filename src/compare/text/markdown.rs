@@ -1,11 +1,11 @@
 //! A table, its differences to the baseline, the paper's order and failures as Markdown.
 
-use super::grid::{Grid, differences, names, results};
-use crate::compare::table::{Ordering, Table};
+use super::grid::{TextGrid, differences, names, results};
+use crate::compare::table::{Ordering, ResultTable};
 use std::collections::BTreeSet;
 
 /// Writes the table as Markdown that is also readable as plain text.
-pub fn markdown(table: &Table<'_>, orderings: &[Ordering]) -> String {
+pub fn markdown(table: &ResultTable<'_>, orderings: &[Ordering]) -> String {
     let mut parts = Vec::new();
     if !table.set.title.is_empty() {
         parts.push(format!("# {}", escape(&table.set.title)));
@@ -50,7 +50,7 @@ fn list(items: impl IntoIterator<Item = String>) -> String {
 }
 
 /// One line per failed run, even if it was to be measured on many segments.
-fn failures(table: &Table<'_>) -> Vec<String> {
+fn failures(table: &ResultTable<'_>) -> Vec<String> {
     let mut seen = BTreeSet::new();
     let mut out = Vec::new();
     for row in &table.rows {
@@ -66,7 +66,7 @@ fn failures(table: &Table<'_>) -> Vec<String> {
 }
 
 /// A table with aligned columns.
-fn grid(grid: &Grid) -> String {
+fn grid(grid: &TextGrid) -> String {
     let head: Vec<String> = grid.head.iter().map(|text| escape(text)).collect();
     let rows: Vec<Vec<String>> = grid
         .rows

@@ -1,9 +1,9 @@
 //! Tests of each writer on made-up sets.
 
 use super::*;
-use crate::compare::results::{Outcome, OutcomeState, ResultSet};
+use crate::compare::results::{OutcomeState, ResultSet, VariantOutcome};
 use crate::compare::table::tests::{losses, outcome, paper, part, set};
-use crate::compare::table::{Table, orderings};
+use crate::compare::table::{ResultTable, orderings};
 use proptest::prelude::*;
 
 fn judged() -> (ResultSet, String) {
@@ -12,7 +12,7 @@ fn judged() -> (ResultSet, String) {
     set.note = "Three seeds.".to_owned();
     set.paper = paper(&[("L2", "psnr", 28.0), ("L1", "psnr", 26.0)]);
     set.outcomes[8].state = OutcomeState::Failed("out of\nmemory | 1 < 2".to_owned());
-    let table = Table::new(&set);
+    let table = ResultTable::new(&set);
     let text = markdown(&table, &orderings(&table));
     (set, text)
 }
@@ -57,7 +57,7 @@ Source: Table 2
 #[test]
 fn markdown_of_single_seeds_has_no_deviations() {
     let one = set(&["psnr"], vec![outcome("a|b", 0, &[("psnr", 27.0)]), outcome("*c*", 0, &[("psnr", 27.311)])]);
-    let text = markdown(&Table::new(&one), &[]);
+    let text = markdown(&ResultTable::new(&one), &[]);
     assert!(!text.contains('±') && !text.contains("runs"), "{text}");
     assert!(!text.contains("95 %") && text.contains("No intervals"), "{text}");
     assert!(text.contains("| a\\|b  |      27.00 |"), "{text}");
@@ -67,15 +67,16 @@ fn markdown_of_single_seeds_has_no_deviations() {
 
 #[test]
 fn a_failed_run_is_listed_once_for_all_its_segments() {
-    let fail = |segment: &str| Outcome { state: OutcomeState::Failed("no".to_owned()), ..part(segment, "a", 0, &[]) };
-    let text = markdown(&Table::new(&set(&["iou"], vec![fail("x"), fail("y")])), &[]);
+    let fail =
+        |segment: &str| VariantOutcome { state: OutcomeState::Failed("no".to_owned()), ..part(segment, "a", 0, &[]) };
+    let text = markdown(&ResultTable::new(&set(&["iou"], vec![fail("x"), fail("y")])), &[]);
     assert_eq!(text.matches("runs/a-0").count(), 1, "{text}");
 }
 
 #[test]
 fn an_empty_set_is_written_as_empty_tables() {
     let nothing = ResultSet::default();
-    let table = Table::new(&nothing);
+    let table = ResultTable::new(&nothing);
     assert_eq!(markdown(&table, &[]), "No runs.\n");
     assert_eq!(csv(&nothing), "variant,dataset,device,seed,segment,state,run\n");
     assert!(latex(&table).contains("\\midrule\n    \\bottomrule"));
@@ -102,7 +103,7 @@ fn csv_is_quoted_and_long() {
 #[test]
 fn json_has_rows_and_can_be_read_back() {
     let (mut set, _) = judged();
-    let table = Table::new(&set);
+    let table = ResultTable::new(&set);
     let value = json(&table, &orderings(&table));
     let row = &value["rows"][1];
     assert_eq!((row["variant"].as_str(), row["done"].as_u64()), (Some("L2+SSIM"), Some(3)));
@@ -116,19 +117,19 @@ fn json_has_rows_and_can_be_read_back() {
     assert_eq!(serde_json::from_value::<ResultSet>(value["set"].clone()).unwrap(), set);
     // non-finite values are omitted, so that the set can still be read
     set.outcomes[0].metrics.insert("psnr".to_owned(), f64::NAN);
-    let value = json(&Table::new(&set), &[]);
+    let value = json(&ResultTable::new(&set), &[]);
     assert!(serde_json::from_value::<ResultSet>(value["set"].clone()).is_ok());
 }
 
 #[test]
 fn latex_says_which_seeds_are_missing() {
     let (mut set, _) = judged();
-    let text = latex(&Table::new(&set));
+    let text = latex(&ResultTable::new(&set));
     assert!(text.contains(r"{tabular}{lrrr}") && text.contains(r"& runs \\"), "{text}");
     assert!(text.contains(r"& 3 \\") && text.contains(r"& 2 of 3 (1 failed) \\") && !text.contains("$n="), "{text}");
     // a measured run without one of the metrics
     set.outcomes[0].metrics.remove("lpips_vgg");
-    let text = latex(&Table::new(&set));
+    let text = latex(&ResultTable::new(&set));
     assert_eq!(text.matches(r"($n=2$)").count(), 1, "{text}");
 }
 
@@ -139,7 +140,7 @@ fn latex_has_the_papers_shape() {
     losses.title = "Losses & 100 % of {it}".to_owned();
     losses.note = "Of three seeds".to_owned();
     losses.name = "my_losses".to_owned();
-    let text = latex(&Table::new(&losses));
+    let text = latex(&ResultTable::new(&losses));
     assert!(text.contains(r"\caption{Losses \& 100 \% of \{it\}. Of three seeds.}"), "{text}");
     assert!(text.contains(r"\label{tab:my-losses}"), "{text}");
     assert!(text.contains(r"\begin{tabular}{lrrrr}"), "{text}");
@@ -154,7 +155,7 @@ fn latex_has_the_papers_shape() {
 fn latex_names_a_segment_once_and_distinguishes_networks() {
     let metrics = [("lpips_alex", 0.1), ("lpips_vgg", 0.2)];
     let outcomes = vec![part("x", "a", 0, &metrics), part("x", "[b]", 0, &metrics), part("y", "a", 0, &metrics)];
-    let text = latex(&Table::new(&set(&["lpips_alex", "lpips_vgg"], outcomes)));
+    let text = latex(&ResultTable::new(&set(&["lpips_alex", "lpips_vgg"], outcomes)));
     assert!(text.contains(r"segment & loss & LPIPS (AlexNet)$\downarrow$ & LPIPS (VGG-16)$\downarrow$ \\"), "{text}");
     assert!(text.contains("    x & a & "), "{text}");
     assert!(text.contains("     & {[}b{]} & "), "{text}");
@@ -163,7 +164,7 @@ fn latex_names_a_segment_once_and_distinguishes_networks() {
 
 #[test]
 fn stars_mark_the_best() {
-    let grid = results(&Table::new(&losses()));
+    let grid = results(&ResultTable::new(&losses()));
     assert_eq!(grid.words, 1);
     assert_eq!(grid.starred()[1][..2], ["L2+SSIM", "**27.10 ± 0.10**"]);
 }
@@ -186,7 +187,7 @@ proptest! {
     #[test]
     fn any_names_keep_the_shape(name in any::<String>(), other in any::<String>()) {
         let set = set(&["psnr"], vec![outcome(&name, 0, &[("psnr", 1.0)]), part(&other, "b", 0, &[("psnr", 2.0)])]);
-        let table = Table::new(&set);
+        let table = ResultTable::new(&set);
         for line in markdown(&table, &[]).lines().filter(|line| line.starts_with("| ")) {
             let pipes = line.replace("\\\\", "").replace("\\|", "").matches('|').count();
             prop_assert_eq!(pipes, if table.shows.segment { 4 } else { 3 }, "{}", line);

@@ -1,6 +1,6 @@
 //! Comparison of a selection, drawn alone, with the ground truth, view by view.
 
-use super::select::Selected;
+use super::select::SelectedGaussians;
 use super::truth::{TruthFrame, TruthImage};
 use crate::metrics::lpips::{Lpips, LpipsNet};
 use crate::metrics::psnr::{psnr_of_pictures, to_8_bits};
@@ -35,7 +35,7 @@ pub struct PictureScore {
 }
 
 /// What all comparisons share.
-pub struct Judge<'a> {
+pub struct SelectionJudge<'a> {
     /// Device to draw on.
     pub device: &'a Device,
     /// How the scene is drawn.
@@ -48,7 +48,7 @@ pub struct Judge<'a> {
     pub networks: &'a [Lpips],
 }
 
-impl Judge<'_> {
+impl SelectionJudge<'_> {
     /// Draws the `selected` Gaussians at the frame's time and compares them. Also returns the picture, RGB.
     ///
     /// # Errors
@@ -56,7 +56,7 @@ impl Judge<'_> {
     pub fn score(
         &self,
         at: &HostGaussians,
-        selected: &Selected,
+        selected: &SelectedGaussians,
         frame: &TruthFrame,
         truth: &TruthImage,
     ) -> Result<(FrameScore, Vec<f32>), String> {

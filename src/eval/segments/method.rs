@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 /// A way to turn a click into a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
-pub enum Method {
+pub enum SelectionMethod {
     /// All Gaussians of the clicked colour.
     #[serde(rename = "coarse")]
     Coarse,
@@ -24,7 +24,7 @@ pub enum Method {
     Sagd,
 }
 
-impl Method {
+impl SelectionMethod {
     /// All methods, in the order of the tables.
     pub const ALL: [Self; 5] = [Self::Sagd, Self::Saga, Self::Coarse, Self::Fine, Self::CoarseFine];
 
@@ -40,13 +40,13 @@ impl Method {
     }
 }
 
-impl fmt::Display for Method {
+impl fmt::Display for SelectionMethod {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
     }
 }
 
-impl FromStr for Method {
+impl FromStr for SelectionMethod {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {

@@ -22,11 +22,13 @@ mod train;
 mod truth;
 mod volume;
 
-pub use method::Method;
-pub use options::{SegmentEvalError, SegmentOptionError, SegmentOptions, mask_source_names};
-pub use result::{Means, MethodMeans, Outcome, Row, SegmentEvaluation, SegmentResult, VolumeScore};
+pub use method::SelectionMethod;
+pub use options::{SegmentEvalError, SegmentEvalOptions, SegmentOptionError, mask_source_names};
+pub use result::{
+    MethodMeans, SegmentEvaluation, SegmentResult, SelectionMeans, SelectionOutcome, TimeRow, VolumeScore,
+};
 pub use run::evaluate_segments;
 pub use setting::TRIES;
 pub use table::{KIND, markdown, write_results};
-pub use target::Union;
-pub use train::{Lifted, Trained, write_mask_pictures};
+pub use target::TargetUnion;
+pub use train::{LiftedField, TrainedMethods, write_mask_pictures};

@@ -1,8 +1,8 @@
 //! Options of an evaluation of segments: one struct for the library, `eval --segments` and the section `[segments]` of a
 //! sweep. Why an evaluation can fail.
 
-use super::method::Method;
-use super::target::Union;
+use super::method::SelectionMethod;
+use super::target::TargetUnion;
 use crate::config::types::SegmentConfig;
 use crate::config::types::segment::MaskScale;
 use crate::data::DataError;
@@ -34,12 +34,12 @@ const ABOVE_0: f64 = f64::MIN_POSITIVE;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, Args)]
 #[group(requires = "segments")]
 #[serde(deny_unknown_fields, default)]
-pub struct SegmentOptions {
+pub struct SegmentEvalOptions {
     /// Methods: sagd, saga, coarse, fine, coarse+fine.
     // a variant of a sweep measures one
     #[arg(long, value_delimiter = ',', default_value = "sagd,saga,coarse,fine,coarse+fine")]
     #[serde(rename = "method", with = "one_method", default = "one_method::default")]
-    pub methods: Vec<Method>,
+    pub methods: Vec<SelectionMethod>,
     /// Source of the masks.
     #[arg(long, value_parser = mask_source_names(), default_value = source::DEFAULT)]
     pub masks: String,
@@ -73,7 +73,7 @@ pub struct SegmentOptions {
     /// Several known segments to click and measure as one, in addition to the others; may be repeated.
     #[arg(long = "score", value_name = "NAME=SEGMENT+SEGMENT")]
     #[serde(rename = "score")]
-    pub unions: Vec<Union>,
+    pub unions: Vec<TargetUnion>,
     /// Skip the oracle, which halves the time.
     #[arg(long = "no-oracle", action = ArgAction::SetFalse)]
     pub oracle: bool,
@@ -114,11 +114,11 @@ pub struct SegmentOptions {
     pub segment: SegmentConfig,
 }
 
-impl Default for SegmentOptions {
+impl Default for SegmentEvalOptions {
     /// Every method, with one click on each segment.
     fn default() -> Self {
         Self {
-            methods: Method::ALL.to_vec(),
+            methods: SelectionMethod::ALL.to_vec(),
             masks: source::DEFAULT.to_owned(),
             mask_dir: None,
             sam_weights: None,
@@ -144,7 +144,7 @@ impl Default for SegmentOptions {
     }
 }
 
-impl SegmentOptions {
+impl SegmentEvalOptions {
     /// Returns the options of segmentation, those given directly included.
     pub fn config(&self) -> SegmentConfig {
         let mut config = self.segment.clone();
@@ -281,19 +281,19 @@ pub fn mask_source_names() -> PossibleValuesParser {
 
 /// The methods as one name: a variant of a sweep measures one.
 mod one_method {
-    use super::Method;
+    use super::SelectionMethod;
     use serde::de::Error;
     use serde::{Deserialize, Deserializer, Serializer};
 
-    pub fn default() -> Vec<Method> {
-        vec![Method::CoarseFine]
+    pub fn default() -> Vec<SelectionMethod> {
+        vec![SelectionMethod::CoarseFine]
     }
 
-    pub fn serialize<S: Serializer>(methods: &[Method], to: S) -> Result<S::Ok, S::Error> {
+    pub fn serialize<S: Serializer>(methods: &[SelectionMethod], to: S) -> Result<S::Ok, S::Error> {
         to.serialize_str(&methods.iter().map(|method| method.name()).collect::<Vec<_>>().join(","))
     }
 
-    pub fn deserialize<'a, D: Deserializer<'a>>(from: D) -> Result<Vec<Method>, D::Error> {
+    pub fn deserialize<'a, D: Deserializer<'a>>(from: D) -> Result<Vec<SelectionMethod>, D::Error> {
         String::deserialize(from)?.parse().map(|method| vec![method]).map_err(D::Error::custom)
     }
 }
@@ -349,7 +349,7 @@ mod tests {
 
     #[test]
     fn a_sweep_keeps_what_it_was_given() {
-        let text = serde_json::to_string(&serde_json::from_str::<SegmentOptions>("{}").unwrap()).unwrap();
+        let text = serde_json::to_string(&serde_json::from_str::<SegmentEvalOptions>("{}").unwrap()).unwrap();
         // names of measurements are digests of this
         assert_eq!(
             text,
@@ -357,26 +357,32 @@ mod tests {
                 .replace("STEPS", &SagaOptions::default().steps.to_string())
         );
         let given = r#"{"method":"saga","bias":"y","score":["pair=a+b"],"margin":-1.0,"pixels":64}"#;
-        let options: SegmentOptions = serde_json::from_str(given).unwrap();
-        assert_eq!((&options.methods[..], options.bias), (&[Method::Saga][..], Some(Axis::Y)));
+        let options: SegmentEvalOptions = serde_json::from_str(given).unwrap();
+        assert_eq!((&options.methods[..], options.bias), (&[SelectionMethod::Saga][..], Some(Axis::Y)));
         assert_eq!((options.unions[0].name.as_str(), options.config().affinity.pixels), ("pair", 64));
-        let again: SegmentOptions = serde_json::from_str(&serde_json::to_string(&options).unwrap()).unwrap();
+        let again: SegmentEvalOptions = serde_json::from_str(&serde_json::to_string(&options).unwrap()).unwrap();
         assert_eq!(again, options);
         for bad in [r#"{"method":"saga,fine"}"#, r#"{"bias":"w"}"#, r#"{"seed":1}"#, r#"{"score":["pair"]}"#] {
-            assert!(serde_json::from_str::<SegmentOptions>(bad).is_err(), "{bad}");
+            assert!(serde_json::from_str::<SegmentEvalOptions>(bad).is_err(), "{bad}");
         }
     }
 
     #[test]
     fn numbers_out_of_range_are_named() {
-        let bad = |options: SegmentOptions| options.check().unwrap_err().to_string();
-        let default = SegmentOptions::default;
+        let bad = |options: SegmentEvalOptions| options.check().unwrap_err().to_string();
+        let default = SegmentEvalOptions::default;
         assert!(default().check().is_ok());
-        assert_eq!(bad(SegmentOptions { views: 0, ..default() }), "segments.views = 0: must be at least 1");
-        assert_eq!(bad(SegmentOptions { time: f64::NAN, ..default() }), "segments.time = NaN: must be at least 0");
-        assert_eq!(bad(SegmentOptions { bias_angle: 0.0, ..default() }), "segments.bias_angle = 0: must be above 0");
-        assert_eq!(bad(SegmentOptions { clicks: 9999, ..default() }), "segments.clicks = 9999: must be at most 1000");
-        let labels = SegmentOptions { masks: "labels".to_owned(), bias: Some(Axis::X), ..default() };
+        assert_eq!(bad(SegmentEvalOptions { views: 0, ..default() }), "segments.views = 0: must be at least 1");
+        assert_eq!(bad(SegmentEvalOptions { time: f64::NAN, ..default() }), "segments.time = NaN: must be at least 0");
+        assert_eq!(
+            bad(SegmentEvalOptions { bias_angle: 0.0, ..default() }),
+            "segments.bias_angle = 0: must be above 0"
+        );
+        assert_eq!(
+            bad(SegmentEvalOptions { clicks: 9999, ..default() }),
+            "segments.clicks = 9999: must be at most 1000"
+        );
+        let labels = SegmentEvalOptions { masks: "labels".to_owned(), bias: Some(Axis::X), ..default() };
         assert!(bad(labels).starts_with("segments.bias: label images"));
     }
 }

@@ -3,10 +3,10 @@
 //! chosen well. Every method has the same number of tries.
 
 use super::click::Click;
-use super::method::Method;
-use super::prompt::Prompt;
-use super::select::{Chosen, Scenery};
-use super::setting::{Setting, TRIES};
+use super::method::SelectionMethod;
+use super::prompt::ClickPrompt;
+use super::select::{MethodSelection, Scenery};
+use super::setting::{MethodSetting, TRIES};
 use std::time::Instant;
 
 /// Gain in fit that a further click must exceed.
@@ -17,9 +17,14 @@ const WORTH: f64 = 0.005;
 ///
 /// # Errors
 /// A message if the method failed.
-pub fn best(scenery: Scenery<'_>, method: Method, prompt: &Prompt, clicks: usize) -> Result<Chosen, String> {
-    let tries: [Setting; TRIES] = Setting::tries(method, scenery.config);
-    let mut best: Option<Chosen> = None;
+pub fn best(
+    scenery: Scenery<'_>,
+    method: SelectionMethod,
+    prompt: &ClickPrompt,
+    clicks: usize,
+) -> Result<MethodSelection, String> {
+    let tries: [MethodSetting; TRIES] = MethodSetting::tries(method, scenery.config);
+    let mut best: Option<MethodSelection> = None;
     let (mut click, mut seconds) = (Some(prompt.first()), f64::INFINITY);
     while let Some(place) = click.take() {
         let before = best.clone();
@@ -42,13 +47,13 @@ pub fn best(scenery: Scenery<'_>, method: Method, prompt: &Prompt, clicks: usize
 /// Returns the best of all settings for one click, with what was selected `before` added.
 fn round(
     scenery: Scenery<'_>,
-    (method, tries): (Method, &[Setting]),
+    (method, tries): (SelectionMethod, &[MethodSetting]),
     click: &Click,
-    before: Option<&Chosen>,
-    prompt: &Prompt,
+    before: Option<&MethodSelection>,
+    prompt: &ClickPrompt,
     seconds: &mut f64,
-) -> Result<Chosen, String> {
-    let mut best: Option<Chosen> = None;
+) -> Result<MethodSelection, String> {
+    let mut best: Option<MethodSelection> = None;
     for setting in tries {
         let started = Instant::now();
         let selected = scenery.select(method, setting, click)?;
@@ -58,7 +63,7 @@ fn round(
         if best.as_ref().is_none_or(|b| fit > b.fit.unwrap_or(0.0)) {
             let (said, clicks) = before.map_or((String::new(), 0), |b| (format!("{}; ", b.setting), b.clicks));
             let setting = format!("{said}{setting}");
-            best = Some(Chosen { selected, setting, clicks: clicks + 1, seconds: 0.0, fit: Some(fit) });
+            best = Some(MethodSelection { selected, setting, clicks: clicks + 1, seconds: 0.0, fit: Some(fit) });
         }
     }
     best.ok_or_else(|| "no setting was tried".to_owned())

@@ -4,7 +4,7 @@
 //! [`Click`], which tells it nothing else; only the [`oracle`](super::oracle) asks for the fit.
 
 use super::click::Click;
-use super::truth::Labelled;
+use super::truth::LabelledTrainingView;
 use crate::config::types::segment::ClickConfig;
 use crate::model::{HostGaussians, Rendering, ToKernel};
 use crate::rng::{Purpose, Rng};
@@ -25,7 +25,7 @@ const MAX_PLACES: usize = 24_000;
 
 /// A click on a segment, and what is needed to judge what it selects.
 #[derive(Clone, Debug)]
-pub struct Prompt {
+pub struct ClickPrompt {
     /// Name of the view.
     pub view: String,
     /// Column and row of the first click.
@@ -35,13 +35,13 @@ pub struct Prompt {
     pixels: Contributors,
     inside: Vec<bool>,
     /// `None` if there is only one click.
-    places: Option<Places>,
+    places: Option<ClickPixels>,
 }
 
 /// Pixels of a segment where further clicks may be placed. Those by which selections are judged are scattered, and in a
 /// scatter no pixel lies deep inside anything.
 #[derive(Clone, Debug)]
-struct Places {
+struct ClickPixels {
     /// Columns and rows of the picture that consists of every k-th column and row only.
     size: [usize; 2],
     /// Which of that picture's pixels are inside the segment, ascending.
@@ -50,7 +50,7 @@ struct Places {
     pixels: Contributors,
 }
 
-impl Prompt {
+impl ClickPrompt {
     /// Places a click on what the segments `ids` show: on the pixel that lies deepest inside them, in the view that
     /// shows most of them. Returns `None` if no view shows them, as they are hidden behind others. Prepares up to
     /// `clicks` clicks; those after the first need the pixels to be examined once more.
@@ -58,13 +58,13 @@ impl Prompt {
     /// # Errors
     /// As for [`contributors`](volseggs_kernels::splat::contributors::contributors).
     pub fn new(
-        views: &[Labelled],
+        views: &[LabelledTrainingView],
         ids: &[u16],
         (at, rendering): (&HostGaussians, Rendering),
         (clicks, config): (usize, &ClickConfig),
         device: &Device,
     ) -> Result<Option<Self>, ContributorsError> {
-        let count = |v: &&Labelled| v.labels.iter().filter(|l| ids.contains(l)).count();
+        let count = |v: &&LabelledTrainingView| v.labels.iter().filter(|l| ids.contains(l)).count();
         let Some(view) = views.iter().rev().max_by_key(count).filter(|v| count(v) > 0) else { return Ok(None) };
         let camera = view.view.camera.to_kernel();
         let (width, height) = (camera.width, camera.height);
@@ -100,7 +100,7 @@ impl Prompt {
             let (step, grid) = regular(within, width, height);
             let size = [width, height].map(|side| side.div_ceil(step));
             let in_grid = |&p: &u32| (p as usize / width / step * size[0] + p as usize % width / step) as u32;
-            seen(at, settings, &grid, device).map(|pixels| Places {
+            seen(at, settings, &grid, device).map(|pixels| ClickPixels {
                 size,
                 inside: grid.iter().map(in_grid).collect(),
                 pixels,
@@ -119,7 +119,7 @@ impl Prompt {
     /// Returns a click on the pixel that lies deepest in the part of the segment that `selected` misses, where the
     /// scene shows anything; `None` if it misses less than a twentieth of what is shown, or there is only one click.
     pub fn next(&self, selected: &[bool]) -> Option<Click> {
-        let Places { size: [columns, rows], inside, pixels } = self.places.as_ref()?;
+        let ClickPixels { size: [columns, rows], inside, pixels } = self.places.as_ref()?;
         let mut missed = vec![false; columns * rows];
         let (mut lacking, mut shown) = (0usize, 0usize);
         for (p, &place) in inside.iter().enumerate().filter(|(p, _)| shows(pixels, *p)) {
@@ -260,9 +260,9 @@ mod tests {
 
         let camera = Camera::look_at(DVec3::new(0.0, -4.0, 0.0), DVec3::ZERO, DVec3::Z, 0.5, SIZE, SIZE);
         let view = LabelledView { name: "train/r_0".into(), path: "r_0.png".into(), camera, time: 0.5 };
-        let views = [Labelled { view, labels: vec![3; (SIZE * SIZE) as usize] }];
+        let views = [LabelledTrainingView { view, labels: vec![3; (SIZE * SIZE) as usize] }];
         let prompt =
-            Prompt::new(&views, &[3], (&at, rendering()), (2, &ClickConfig::default()), &device).unwrap().unwrap();
+            ClickPrompt::new(&views, &[3], (&at, rendering()), (2, &ClickConfig::default()), &device).unwrap().unwrap();
         assert!(prompt.pixels.len() < (SIZE * SIZE) as usize, "selections are judged by a sample");
         let click = prompt.next(&selected).unwrap();
         let on = heaviest(&click.under, |_| true).unwrap() as usize;

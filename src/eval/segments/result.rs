@@ -1,7 +1,7 @@
 //! Results of an evaluation, and their means.
 
 use super::measure::{FrameScore, PictureScore};
-use super::method::Method;
+use super::method::SelectionMethod;
 use super::setting::TRIES;
 use crate::eval::results::DataId;
 use image::RgbImage;
@@ -20,7 +20,7 @@ pub struct VolumeScore {
 
 /// Means over the views of one time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Row {
+pub struct TimeRow {
     /// Time in [0, 1].
     pub time: f64,
     /// Number of views; PSNR, SSIM and LPIPS are means over all of them.
@@ -39,7 +39,7 @@ pub struct Row {
     pub lpips: Option<f64>,
 }
 
-impl Row {
+impl TimeRow {
     /// Returns the means of `scores`, which are of one time; `None` if there are none. A view in which the segment is
     /// absent and nothing is shown has no IoU, but its picture counts: showing nothing is then correct.
     pub fn mean(time: f64, scores: &[&FrameScore]) -> Option<Self> {
@@ -72,17 +72,17 @@ fn least(values: impl Iterator<Item = f64>) -> Option<f64> {
 
 /// One selection and its accuracy.
 #[derive(Clone, Debug, Default, Serialize)]
-pub struct Outcome {
+pub struct SelectionOutcome {
     /// IoU in space at the time nearest to that of the click, percent; `None` if the dataset has no volumes of ids.
     pub iou_3d: Option<f64>,
-    /// That time; the one nearest to the click that has pictures can be another, see [`Outcome::at`].
+    /// That time; the one nearest to the click that has pictures can be another, see [`SelectionOutcome::at`].
     pub time_3d: Option<f64>,
     /// Minimum IoU in space over all times that have a volume.
     pub least_iou_3d: Option<f64>,
     /// Minimum IoU of the silhouettes over all times.
     pub least_iou: Option<f64>,
     /// Silhouettes and pictures at the time nearest to that of the click.
-    pub at: Option<Row>,
+    pub at: Option<TimeRow>,
     /// The setting in words.
     pub setting: String,
     /// Mask scale and cosine that a field was queried with, at the first click.
@@ -102,16 +102,16 @@ pub struct Outcome {
     /// Scores in space at each time.
     pub volumes: Vec<VolumeScore>,
     /// Silhouettes and pictures at each time, for tracking.
-    pub times: Vec<Row>,
+    pub times: Vec<TimeRow>,
 }
 
-impl Outcome {
+impl SelectionOutcome {
     /// Fills in the results from views, `scores`, and from volumes; `time` is that of the click.
     pub(super) fn fill(&mut self, time: f64, scores: &[FrameScore], volumes: Vec<VolumeScore>) {
         let mut times: Vec<f64> = scores.iter().map(|s| s.time).collect();
         times.sort_by(f64::total_cmp);
         times.dedup();
-        let row = |t: f64| Row::mean(t, &scores.iter().filter(|s| s.time == t).collect::<Vec<_>>());
+        let row = |t: f64| TimeRow::mean(t, &scores.iter().filter(|s| s.time == t).collect::<Vec<_>>());
         self.times = times.into_iter().filter_map(row).collect();
         self.at = nearest(&self.times, time, |r| r.time).cloned();
         self.least_iou = least(self.times.iter().filter_map(|r| r.iou));
@@ -138,20 +138,20 @@ pub struct SegmentResult {
     /// Name of the known segment, or of several as one.
     pub segment: String,
     /// The method.
-    pub method: Method,
+    pub method: SelectionMethod,
     /// The view that was clicked.
     pub view: String,
     /// Column and row of the first click.
     pub pixel: [u32; 2],
     /// Outcome with the setting that was fixed in advance.
-    pub fixed: Outcome,
+    pub fixed: SelectionOutcome,
     /// Outcome with the best of [`TRIES`] settings in the clicked view.
-    pub oracle: Option<Outcome>,
+    pub oracle: Option<SelectionOutcome>,
 }
 
 /// Means over the segments for which there is a value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Means {
+pub struct SelectionMeans {
     /// IoU in space at the clicked time, percent.
     pub iou_3d: Option<f64>,
     /// Minimum IoU in space of each segment.
@@ -168,15 +168,15 @@ pub struct Means {
     pub lpips: Option<f64>,
 }
 
-impl Means {
+impl SelectionMeans {
     /// Returns the means over some outcomes.
-    pub fn mean(outcomes: &[&Outcome]) -> Self {
-        let over = |f: &dyn Fn(&Outcome) -> Option<f64>| mean(outcomes.iter().filter_map(|o| f(o)));
-        let row = |f: &dyn Fn(&Row) -> Option<f64>| over(&|o| o.at.as_ref().and_then(f));
+    pub fn mean(outcomes: &[&SelectionOutcome]) -> Self {
+        let over = |f: &dyn Fn(&SelectionOutcome) -> Option<f64>| mean(outcomes.iter().filter_map(|o| f(o)));
+        let row = |f: &dyn Fn(&TimeRow) -> Option<f64>| over(&|o| o.at.as_ref().and_then(f));
         Self {
             iou_3d: over(&|o| o.iou_3d),
             least_iou_3d: over(&|o| o.least_iou_3d),
-            iou: over(&Outcome::iou),
+            iou: over(&SelectionOutcome::iou),
             least_iou: over(&|o| o.least_iou),
             psnr: row(&|r| r.psnr),
             ssim: row(&|r| r.ssim),
@@ -189,11 +189,11 @@ impl Means {
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct MethodMeans {
     /// The method.
-    pub method: Method,
+    pub method: SelectionMethod,
     /// With the fixed setting.
-    pub fixed: Means,
+    pub fixed: SelectionMeans,
     /// With the oracle's setting, if it was used.
-    pub oracle: Option<Means>,
+    pub oracle: Option<SelectionMeans>,
 }
 
 /// All results of an evaluation.
@@ -245,15 +245,15 @@ pub struct SegmentEvaluation {
 
 impl SegmentEvaluation {
     /// Computes the means over the results of `segments`.
-    pub(super) fn take_means(&mut self, methods: &[Method], segments: &[&str]) {
-        let means = |method: &Method| {
+    pub(super) fn take_means(&mut self, methods: &[SelectionMethod], segments: &[&str]) {
+        let means = |method: &SelectionMethod| {
             let of = |r: &&SegmentResult| r.method == *method && segments.contains(&r.segment.as_str());
             let found: Vec<&SegmentResult> = self.results.iter().filter(of).collect();
-            let oracle: Vec<&Outcome> = found.iter().filter_map(|r| r.oracle.as_ref()).collect();
+            let oracle: Vec<&SelectionOutcome> = found.iter().filter_map(|r| r.oracle.as_ref()).collect();
             MethodMeans {
                 method: *method,
-                fixed: Means::mean(&found.iter().map(|r| &r.fixed).collect::<Vec<_>>()),
-                oracle: (self.oracle_tries == TRIES).then(|| Means::mean(&oracle)),
+                fixed: SelectionMeans::mean(&found.iter().map(|r| &r.fixed).collect::<Vec<_>>()),
+                oracle: (self.oracle_tries == TRIES).then(|| SelectionMeans::mean(&oracle)),
             }
         };
         self.means = methods.iter().map(means).collect();
@@ -272,18 +272,18 @@ mod tests {
     #[test]
     fn a_view_without_the_segment_counts_as_a_picture_and_not_as_an_overlap() {
         let scores = [score(0.5, Some(0.8), 20.0), score(0.5, None, 60.0)];
-        let row = Row::mean(0.5, &scores.iter().collect::<Vec<_>>()).unwrap();
+        let row = TimeRow::mean(0.5, &scores.iter().collect::<Vec<_>>()).unwrap();
         assert_eq!((row.views, row.iou_views, row.iou, row.psnr), (2, 1, Some(80.0), Some(40.0)));
-        let gone = Row::mean(0.5, &[&scores[1]]).unwrap();
+        let gone = TimeRow::mean(0.5, &[&scores[1]]).unwrap();
         assert_eq!((gone.views, gone.iou, gone.psnr, gone.lpips), (1, None, Some(60.0), None));
-        assert_eq!(Row::mean(0.5, &[]), None);
+        assert_eq!(TimeRow::mean(0.5, &[]), None);
         let union = FrameScore { time: 0.5, iou: Some(0.5), picture: None };
-        assert_eq!(Row::mean(0.5, &[&union]).unwrap().psnr, None);
+        assert_eq!(TimeRow::mean(0.5, &[&union]).unwrap().psnr, None);
     }
 
     #[test]
     fn the_clicked_time_and_the_least_over_all_times() {
-        let mut out = Outcome::default();
+        let mut out = SelectionOutcome::default();
         let volumes = [(0.0, Some(40.0)), (0.4, Some(70.0)), (1.0, None)];
         let volumes = volumes.map(|(time, iou_3d)| VolumeScore { time, iou_3d }).to_vec();
         out.fill(0.5, &[score(0.0, Some(0.3), 20.0), score(0.5, Some(0.9), 30.0), score(1.0, None, 50.0)], volumes);
@@ -292,7 +292,7 @@ mod tests {
             (Some(70.0), Some(40.0), Some(90.0), Some(30.0))
         );
         assert_eq!((out.time_3d, out.at.map(|r| r.time)), (Some(0.4), Some(0.5)));
-        let mut without = Outcome::default();
+        let mut without = SelectionOutcome::default();
         without.fill(0.5, &[], Vec::new());
         assert_eq!((without.iou_3d, without.time_3d, without.iou(), without.times.len()), (None, None, None, 0));
     }

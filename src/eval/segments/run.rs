@@ -1,18 +1,18 @@
 //! A complete evaluation: coarse colours, masks, fields and baselines at the chosen time; a click on each known
 //! segment; what each method selects, measured at every time, in space and in pictures.
 
-use super::measure::{FrameScore, Judge};
-use super::method::Method;
-use super::options::{SegmentEvalError, SegmentOptions};
+use super::measure::{FrameScore, SelectionJudge};
+use super::method::SelectionMethod;
+use super::options::{SegmentEvalError, SegmentEvalOptions};
 use super::oracle;
-use super::prompt::Prompt;
-use super::result::{Outcome, SegmentEvaluation, SegmentResult, VolumeScore, nearest};
-use super::select::{Chosen, Scenery, fixed};
-use super::setting::{Setting, TRIES};
-use super::target::{Target, targets};
-use super::train::{Trained, Trainers};
+use super::prompt::ClickPrompt;
+use super::result::{SegmentEvaluation, SegmentResult, SelectionOutcome, VolumeScore, nearest};
+use super::select::{MethodSelection, Scenery, fixed};
+use super::setting::{MethodSetting, TRIES};
+use super::target::{EvalTarget, targets};
+use super::train::{TrainedMethods, Trainers};
 use super::truth::labelled;
-use super::volume::Cells;
+use super::volume::TruthCells;
 use crate::data::Truth;
 use crate::eval::results::DataId;
 use crate::export::images::to_rgb8;
@@ -34,11 +34,11 @@ pub fn evaluate_segments(
     scene: &Scene,
     widening: f64,
     truth: &Truth,
-    options: &SegmentOptions,
+    options: &SegmentEvalOptions,
     networks: &[Lpips],
     work: &Path,
     mut say: impl FnMut(&str),
-) -> Result<(SegmentEvaluation, Trained), SegmentEvalError> {
+) -> Result<(SegmentEvaluation, TrainedMethods), SegmentEvalError> {
     let views = labelled(truth, options.time)?;
     let time = views.first().map_or(options.time, |v| v.view.time);
     let (source, config) = (options.check()?, options.config());
@@ -53,9 +53,14 @@ pub fn evaluate_segments(
     let (mut clicked, mut not_seen) = (Vec::new(), Vec::new());
     for target in &targets {
         say(&format!("segment {}: clicks", target.name));
-        let prompt =
-            Prompt::new(&views, &target.ids, (&at, scene.spec.rendering()), (options.clicks, &config.click), &device)
-                .map_err(|e| e.to_string())?;
+        let prompt = ClickPrompt::new(
+            &views,
+            &target.ids,
+            (&at, scene.spec.rendering()),
+            (options.clicks, &config.click),
+            &device,
+        )
+        .map_err(|e| e.to_string())?;
         let Some(prompt) = prompt else {
             say(&format!(
                 "segment {}: not visible at time {time:.3}, so it cannot be clicked; try another --time",
@@ -64,12 +69,12 @@ pub fn evaluate_segments(
             not_seen.push(target.name.clone());
             continue;
         };
-        let choices: Vec<Choice> = options
+        let choices: Vec<MethodChoice> = options
             .methods
             .iter()
             .map(|&m| choose(m, scenery, &prompt, options, (scene, time)))
             .collect::<Result<_, _>>()?;
-        clicked.push(Clicked { target, prompt, choices });
+        clicked.push(ClickedTarget { target, prompt, choices });
     }
 
     let volume_times = truth.volume_times();
@@ -95,18 +100,18 @@ pub fn evaluate_segments(
         pictures: Vec::new(),
         columns: 1 + options.methods.len(),
     };
-    let mut deformed = Times { scene, known: BTreeMap::new() };
+    let mut deformed = ScenesByTime { scene, known: BTreeMap::new() };
     let mut volumes = Vec::new();
     for &volume_time in &volume_times {
         say(&format!("IoU in space at time {volume_time:.3}"));
         let volume = truth.volume(volume_time)?;
-        let cells = Cells::new(&volume, deformed.at(volume_time), widening).map_err(|e| e.to_string())?;
+        let cells = TruthCells::new(&volume, deformed.at(volume_time), widening).map_err(|e| e.to_string())?;
         if nearest(&volume_times, time, |t| *t) == Some(&volume_time) {
             evaluation.labelled_share = cells.labelled_share();
         }
         volumes.push(in_space(truth, &cells, [time, volume_time], &clicked)?);
     }
-    let judge = Judge {
+    let judge = SelectionJudge {
         device: &device,
         rendering: scene.spec.rendering(),
         mask_alpha: options.mask_alpha,
@@ -117,8 +122,8 @@ pub fn evaluate_segments(
         say(&format!("segment {}: pictures", one.target.name));
         let scores = in_pictures(&judge, &mut deformed, &one, time, &options.methods, &mut evaluation.pictures)?;
         for (m, (choice, scores)) in one.choices.into_iter().zip(scores).enumerate() {
-            let volumes_of = |pick: &dyn Fn(&Pair<Option<f64>>) -> Option<f64>| -> Vec<VolumeScore> {
-                let of_time = |(time, all): (&f64, &Vec<Vec<Pair<Option<f64>>>>)| VolumeScore {
+            let volumes_of = |pick: &dyn Fn(&FixedAndOracle<Option<f64>>) -> Option<f64>| -> Vec<VolumeScore> {
+                let of_time = |(time, all): (&f64, &Vec<Vec<FixedAndOracle<Option<f64>>>>)| VolumeScore {
                     time: *time,
                     iou_3d: pick(&all[t][m]).map(|v| 100.0 * v),
                 };
@@ -147,21 +152,21 @@ pub fn evaluate_segments(
 }
 
 /// A value for the fixed setting and, if the oracle was used, one for its setting.
-struct Pair<T> {
+struct FixedAndOracle<T> {
     fixed: T,
     oracle: Option<T>,
 }
 
-type Choice = Pair<Chosen>;
+type MethodChoice = FixedAndOracle<MethodSelection>;
 
 /// A segment, where it was clicked, and what each method selected.
-struct Clicked<'a> {
-    target: &'a Target,
-    prompt: Prompt,
-    choices: Vec<Choice>,
+struct ClickedTarget<'a> {
+    target: &'a EvalTarget,
+    prompt: ClickPrompt,
+    choices: Vec<MethodChoice>,
 }
 
-impl Clicked<'_> {
+impl ClickedTarget<'_> {
     /// Returns whether, at every time of the ground truth, some ids identify the material that was clicked at time
     /// `from`.
     fn is_known_at_all_times(&self, truth: &Truth, from: f64) -> bool {
@@ -173,20 +178,20 @@ impl Clicked<'_> {
 
 /// Returns what a method selects: at its fixed setting, which knows only where the clicks are, and by the oracle.
 fn choose(
-    method: Method,
+    method: SelectionMethod,
     scenery: Scenery<'_>,
-    prompt: &Prompt,
-    options: &SegmentOptions,
+    prompt: &ClickPrompt,
+    options: &SegmentEvalOptions,
     (scene, time): (&Scene, f64),
-) -> Result<Choice, SegmentEvalError> {
-    let setting = Setting::fixed(method, scenery.config);
+) -> Result<MethodChoice, SegmentEvalError> {
+    let setting = MethodSetting::fixed(method, scenery.config);
     let next = |members: &[u32]| prompt.next(&oracle::flags(members, scenery.at.len()));
     let mut fixed = fixed(scenery, (method, &setting), prompt.first(), options.clicks.max(1), next)?;
     let best = || oracle::best(scenery, method, prompt, options.clicks.max(1));
     let mut oracle = options.oracle.then(best).transpose()?;
-    if matches!(method, Method::Fine | Method::CoarseFine) {
+    if matches!(method, SelectionMethod::Fine | SelectionMethod::CoarseFine) {
         // as `segment pick` does, and the user waits for it
-        for Chosen { selected, seconds, .. } in [Some(&mut fixed), oracle.as_mut()].into_iter().flatten() {
+        for MethodSelection { selected, seconds, .. } in [Some(&mut fixed), oracle.as_mut()].into_iter().flatten() {
             let started = Instant::now();
             let within = scenery.searched(method, &selected.members);
             selected.members =
@@ -194,11 +199,11 @@ fn choose(
             *seconds += started.elapsed().as_secs_f64();
         }
     }
-    Ok(Pair { fixed, oracle })
+    Ok(FixedAndOracle { fixed, oracle })
 }
 
-fn outcome(chosen: Chosen) -> Outcome {
-    Outcome {
+fn outcome(chosen: MethodSelection) -> SelectionOutcome {
+    SelectionOutcome {
         setting: chosen.setting,
         asked: chosen.selected.asked,
         fit: chosen.fit,
@@ -206,7 +211,7 @@ fn outcome(chosen: Chosen) -> Outcome {
         gaussians: chosen.selected.members.len(),
         members: chosen.selected.members,
         click_seconds: chosen.seconds,
-        ..Outcome::default()
+        ..SelectionOutcome::default()
     }
 }
 
@@ -214,15 +219,15 @@ fn outcome(chosen: Chosen) -> Outcome {
 /// is part of something larger then, or shows in pictures but is thinner than the cells, which do not hold it.
 fn in_space(
     truth: &Truth,
-    cells: &Cells<'_>,
+    cells: &TruthCells<'_>,
     [from, time]: [f64; 2],
-    clicked: &[Clicked<'_>],
-) -> Result<Vec<Vec<Pair<Option<f64>>>>, SegmentEvalError> {
+    clicked: &[ClickedTarget<'_>],
+) -> Result<Vec<Vec<FixedAndOracle<Option<f64>>>>, SegmentEvalError> {
     let mut out = Vec::new();
     for one in clicked {
         let ids = truth.ids_at(&one.target.ids, from, time);
         let ids = ids.filter(|ids| cells.hold(ids) || !truth.is_pictured(ids, time));
-        let of = |chosen: &Chosen| match &ids {
+        let of = |chosen: &MethodSelection| match &ids {
             Some(ids) => cells.iou(&chosen.selected, ids).map_err(|e| e.to_string()),
             None => Ok(None),
         };
@@ -233,7 +238,7 @@ fn in_space(
                 Some(same) if same.selected == choice.fixed.selected => Some(fixed),
                 other => other.as_ref().map(of).transpose()?,
             };
-            row.push(Pair { fixed, oracle });
+            row.push(FixedAndOracle { fixed, oracle });
         }
         out.push(row);
     }
@@ -242,15 +247,15 @@ fn in_space(
 
 /// Returns the scores of each method in each frame, and adds a row of pictures to the sheet.
 fn in_pictures(
-    judge: &Judge<'_>,
-    deformed: &mut Times<'_>,
-    clicked: &Clicked<'_>,
+    judge: &SelectionJudge<'_>,
+    deformed: &mut ScenesByTime<'_>,
+    clicked: &ClickedTarget<'_>,
     time: f64,
-    methods: &[Method],
+    methods: &[SelectionMethod],
     pictures: &mut Vec<(String, RgbImage)>,
-) -> Result<Vec<Pair<Vec<FrameScore>>>, SegmentEvalError> {
-    let empty = |c: &Choice| Pair { fixed: Vec::new(), oracle: c.oracle.as_ref().map(|_| Vec::new()) };
-    let mut scores: Vec<Pair<Vec<FrameScore>>> = clicked.choices.iter().map(empty).collect();
+) -> Result<Vec<FixedAndOracle<Vec<FrameScore>>>, SegmentEvalError> {
+    let empty = |c: &MethodChoice| FixedAndOracle { fixed: Vec::new(), oracle: c.oracle.as_ref().map(|_| Vec::new()) };
+    let mut scores: Vec<FixedAndOracle<Vec<FrameScore>>> = clicked.choices.iter().map(empty).collect();
     let frames = &clicked.target.frames;
     let shown = nearest(frames, time, |f| f.time).and_then(|near| frames.iter().position(|f| f.time == near.time));
     for (i, frame) in frames.iter().enumerate() {
@@ -282,12 +287,12 @@ fn in_pictures(
 }
 
 /// The scene at the times of the ground truth, each deformed once.
-struct Times<'a> {
+struct ScenesByTime<'a> {
     scene: &'a Scene,
     known: BTreeMap<u64, HostGaussians>,
 }
 
-impl Times<'_> {
+impl ScenesByTime<'_> {
     fn at(&mut self, time: f64) -> &HostGaussians {
         // only a few times are kept: if each view had its own, they would hold the scene hundreds of times
         if self.known.len() > 16 && !self.known.contains_key(&time.to_bits()) {

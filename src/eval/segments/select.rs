@@ -2,13 +2,13 @@
 //! receives the scene, what was trained on it, clicks, and a setting.
 
 use super::click::Click;
-use super::method::Method;
-use super::setting::Setting;
-use super::train::{Lifted, Trained};
+use super::method::SelectionMethod;
+use super::setting::MethodSetting;
+use super::train::{LiftedField, TrainedMethods};
 use crate::config::types::SegmentConfig;
 use crate::model::HostGaussians;
 use crate::segment::baselines::sagd;
-use crate::segment::candidates::Candidates;
+use crate::segment::candidates::ClickCandidates;
 use crate::segment::coarse::Coarse;
 use crate::segment::pick::{meant, pick, pick_saga};
 use std::collections::BTreeSet;
@@ -16,7 +16,7 @@ use std::time::Instant;
 
 /// Gaussians selected by a method.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Selected {
+pub struct SelectedGaussians {
     /// Their indices, ascending.
     pub members: Vec<u32>,
     /// Offsets added to each one's mean, `[M, 3]`, and log-scales, `[M, 3]`; empty for none.
@@ -25,7 +25,7 @@ pub struct Selected {
     pub asked: Option<(f32, f32)>,
 }
 
-impl Selected {
+impl SelectedGaussians {
     /// Returns whether any Gaussian is changed.
     pub fn moves(&self) -> bool {
         !self.moved.0.is_empty() || !self.moved.1.is_empty()
@@ -80,7 +80,7 @@ pub struct Scenery<'a> {
     /// The Gaussians at the time of the clicks.
     pub at: &'a HostGaussians,
     /// What the methods have learnt about them.
-    pub trained: &'a Trained,
+    pub trained: &'a TrainedMethods,
     /// The options of all rules.
     pub config: &'a SegmentConfig,
 }
@@ -91,42 +91,47 @@ impl Scenery<'_> {
     ///
     /// # Errors
     /// A message if the method failed.
-    pub fn select(&self, method: Method, setting: &Setting, click: &Click) -> Result<Selected, String> {
-        let whole = |members| Selected { members, ..Selected::default() };
+    pub fn select(
+        &self,
+        method: SelectionMethod,
+        setting: &MethodSetting,
+        click: &Click,
+    ) -> Result<SelectedGaussians, String> {
+        let whole = |members| SelectedGaussians { members, ..SelectedGaussians::default() };
         let trained = self.trained;
         let anything = || meant(&click.under, self.config.click.majority, |_| None);
         match setting {
-            Setting::Coarse(colouring) => {
+            MethodSetting::Coarse(colouring) => {
                 let colours = trained.colours.iter().find(|(of, _)| of == colouring).map(|(_, c)| c);
                 let colours = colours.ok_or("no colours were computed for this setting")?;
                 Ok(whole(self.colour(colours, click).map_or_else(Vec::new, |(_, members)| members)))
             }
-            Setting::Field(options) => {
-                let field = if method == Method::CoarseFine { &trained.parts } else { &trained.whole };
-                let Lifted { field, frame, .. } = field.as_ref().ok_or("the affinity field was not trained")?;
+            MethodSetting::Field(options) => {
+                let field = if method == SelectionMethod::CoarseFine { &trained.parts } else { &trained.whole };
+                let LiftedField { field, frame, .. } = field.as_ref().ok_or("the affinity field was not trained")?;
                 let all = || (0..self.at.len() as u32).collect::<Vec<_>>();
                 let on = match method {
                     // as `segment pick` does: in the clicked colour, or in the whole scene if no colour contains what
                     // is there
-                    Method::CoarseFine => self.colour(trained.coarse(), click),
+                    SelectionMethod::CoarseFine => self.colour(trained.coarse(), click),
                     _ => None,
                 };
                 let in_colour = on.is_some();
                 let Some((clicked, within)) = on.or_else(|| Some((anything()?, all()))) else {
-                    return Ok(Selected::default());
+                    return Ok(SelectedGaussians::default());
                 };
-                let of =
-                    Candidates::new(field, frame, &self.at.means, self.at, &within, self.config).of_segment(in_colour);
+                let of = ClickCandidates::new(field, frame, &self.at.means, self.at, &within, self.config)
+                    .of_segment(in_colour);
                 let picked = pick(&of, clicked, options).map_err(|e| e.to_string())?;
-                Ok(Selected { asked: Some((picked.scale, picked.threshold)), ..whole(picked.members) })
+                Ok(SelectedGaussians { asked: Some((picked.scale, picked.threshold)), ..whole(picked.members) })
             }
-            Setting::Saga(options) => {
+            MethodSetting::Saga(options) => {
                 let model = trained.saga.as_ref().ok_or("SAGA was not trained")?;
                 Ok(whole(anything().map_or_else(Vec::new, |clicked| pick_saga(model, clicked, options))))
             }
-            Setting::Sagd(options) => {
+            MethodSetting::Sagd(options) => {
                 let views = trained.votes.as_ref().ok_or("SAGD has no masks")?;
-                let Some(clicked) = anything() else { return Ok(Selected::default()) };
+                let Some(clicked) = anything() else { return Ok(SelectedGaussians::default()) };
                 let found = sagd::segment(self.at, views, clicked, options).map_err(|e| e.to_string())?;
                 let before = self.at.subset(&found.members);
                 let change = |new: &[f32], old: &[f32]| new.iter().zip(old).map(|(a, b)| a - b).collect();
@@ -134,17 +139,17 @@ impl Scenery<'_> {
                     change(&found.gaussians.means, &before.means),
                     change(&found.gaussians.log_scales, &before.log_scales),
                 );
-                Ok(Selected { members: found.members, moved, asked: None })
+                Ok(SelectedGaussians { members: found.members, moved, asked: None })
             }
         }
     }
 
     /// Returns the Gaussians among which a field selected `members`: all of their colours for `coarse+fine`, if each of
     /// them has a colour, otherwise all of the scene.
-    pub fn searched(&self, method: Method, members: &[u32]) -> Vec<u32> {
+    pub fn searched(&self, method: SelectionMethod, members: &[u32]) -> Vec<u32> {
         let labels = &self.trained.coarse().labels;
         let colours: BTreeSet<u32> = members.iter().map(|&i| labels[i as usize]).collect();
-        let all = method != Method::CoarseFine || colours.contains(&0);
+        let all = method != SelectionMethod::CoarseFine || colours.contains(&0);
         (0..labels.len() as u32).filter(|&i| all || colours.contains(&labels[i as usize])).collect()
     }
 
@@ -160,9 +165,9 @@ impl Scenery<'_> {
 
 /// What a method makes of the clicks on a segment.
 #[derive(Clone, Debug)]
-pub struct Chosen {
+pub struct MethodSelection {
     /// All that was selected.
-    pub selected: Selected,
+    pub selected: SelectedGaussians,
     /// The setting in words, one for each click.
     pub setting: String,
     /// Number of clicks used.
@@ -181,12 +186,12 @@ pub struct Chosen {
 /// A message if the method failed.
 pub fn fixed(
     scenery: Scenery<'_>,
-    (method, setting): (Method, &Setting),
+    (method, setting): (SelectionMethod, &MethodSetting),
     first: Click,
     clicks: usize,
     mut next: impl FnMut(&[u32]) -> Option<Click>,
-) -> Result<Chosen, String> {
-    let (mut out, mut seconds) = (Selected::default(), f64::INFINITY);
+) -> Result<MethodSelection, String> {
+    let (mut out, mut seconds) = (SelectedGaussians::default(), f64::INFINITY);
     let (mut click, mut count) = (Some(first), 0);
     while let Some(place) = click.take() {
         let started = Instant::now();
@@ -200,7 +205,7 @@ pub fn fixed(
             click = next(&out.members);
         }
     }
-    Ok(Chosen { selected: out, setting: setting.to_string(), clicks: count, seconds, fit: None })
+    Ok(MethodSelection { selected: out, setting: setting.to_string(), clicks: count, seconds, fit: None })
 }
 
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! Tests that the fixed selection knows nothing of the ground truth but where it was clicked.
 
 use super::super::oracle;
-use super::super::prompt::Prompt;
-use super::super::train::{Lifted, Trained};
-use super::super::truth::Labelled;
+use super::super::prompt::ClickPrompt;
+use super::super::train::{LiftedField, TrainedMethods};
+use super::super::truth::LabelledTrainingView;
 use super::*;
 use crate::config::types::SegmentConfig;
 use crate::config::types::segment::ClickConfig;
@@ -14,7 +14,7 @@ use crate::segment::baselines::saga::{SagaOptions, train as train_saga};
 use crate::segment::baselines::sagd::SagdView;
 use crate::segment::coarse::coarse;
 use crate::segment::fine::AffinityField;
-use crate::segment::fine::network::Frame;
+use crate::segment::fine::network::PositionBox;
 use crate::segment::test_support::{APART, COUNT, rendering};
 use glam::DVec3;
 use std::collections::HashMap;
@@ -22,21 +22,26 @@ use std::collections::HashMap;
 const SIZE: u32 = 40;
 
 /// Two balls of two colours, and what every method needs; untrained fields select something too.
-fn scene() -> (HostGaussians, Trained) {
+fn scene() -> (HostGaussians, TrainedMethods) {
     let device = DeviceName::all()[0].open().unwrap();
     let mut at = APART.gaussians();
     for (i, sh) in at.sh.chunks_exact_mut(3).enumerate() {
         sh.copy_from_slice(if i < COUNT { &[1.2, -1.2, -1.2] } else { &[-1.2, -1.2, 1.2] });
     }
-    let all = Setting::tries(Method::Coarse, &SegmentConfig::default());
+    let all = MethodSetting::tries(SelectionMethod::Coarse, &SegmentConfig::default());
     let colours = all.iter().filter_map(|setting| match setting {
-        Setting::Coarse(of) => Some((*of, coarse(&at, None, &of.within(&SegmentConfig::default()), 0).unwrap())),
+        MethodSetting::Coarse(of) => Some((*of, coarse(&at, None, &of.within(&SegmentConfig::default()), 0).unwrap())),
         _ => None,
     });
-    let field =
-        || Some(Lifted { field: AffinityField::new(4, &device), frame: Frame::around(&at.means), spreads: Vec::new() });
+    let field = || {
+        Some(LiftedField {
+            field: AffinityField::new(4, &device),
+            frame: PositionBox::around(&at.means),
+            spreads: Vec::new(),
+        })
+    };
     let options = SagaOptions { steps: 30, pixels: 48, scales: 2, ..SagaOptions::default() };
-    let trained = Trained {
+    let trained = TrainedMethods {
         colours: colours.collect(),
         parts: field(),
         whole: field(),
@@ -48,10 +53,13 @@ fn scene() -> (HostGaussians, Trained) {
 }
 
 /// A view from the front, whose pixel at column `x` and row `y` has the label that `label` returns.
-fn view(label: impl Fn(u32, u32) -> u16) -> Labelled {
+fn view(label: impl Fn(u32, u32) -> u16) -> LabelledTrainingView {
     let camera = Camera::look_at(DVec3::new(0.0, -4.0, 0.5), DVec3::ZERO, DVec3::Z, 0.6, SIZE, SIZE);
     let labels = (0..SIZE * SIZE).map(|p| label(p % SIZE, p / SIZE)).collect();
-    Labelled { view: LabelledView { name: "train/r_0".into(), path: "r_0.png".into(), camera, time: 0.5 }, labels }
+    LabelledTrainingView {
+        view: LabelledView { name: "train/r_0".into(), path: "r_0.png".into(), camera, time: 0.5 },
+        labels,
+    }
 }
 
 #[test]
@@ -61,7 +69,9 @@ fn labels_outside_of_the_clicked_pixel_do_not_change_what_is_selected() {
     let config = SegmentConfig::default();
     let scenery = Scenery { at: &at, trained: &trained, config: &config };
     let prompt = |labels: &dyn Fn(u32, u32) -> u16| {
-        Prompt::new(&[view(labels)], &[3], (&at, rendering()), (1, &ClickConfig::default()), &device).unwrap().unwrap()
+        ClickPrompt::new(&[view(labels)], &[3], (&at, rendering()), (1, &ClickConfig::default()), &device)
+            .unwrap()
+            .unwrap()
     };
     // a disc around where one of the balls is seen
     let whole = prompt(&|x, y| if x.abs_diff(12).pow(2) + y.abs_diff(20).pow(2) < 36 { 3 } else { 5 });
@@ -70,9 +80,9 @@ fn labels_outside_of_the_clicked_pixel_do_not_change_what_is_selected() {
     let alone = prompt(&|i, j| if [i, j] == [x, y] { 3 } else { 0 });
     let others = prompt(&|i, j| if [i, j] == [x, y] { 3 } else { 4 + ((7 * i + 3 * j) % 5) as u16 });
     let mut chosen = 0;
-    for method in Method::ALL {
-        let setting = Setting::fixed(method, &SegmentConfig::default());
-        let of = |p: &Prompt| fixed(scenery, (method, &setting), p.first(), 1, |_| None).unwrap();
+    for method in SelectionMethod::ALL {
+        let setting = MethodSetting::fixed(method, &SegmentConfig::default());
+        let of = |p: &ClickPrompt| fixed(scenery, (method, &setting), p.first(), 1, |_| None).unwrap();
         let found = of(&whole);
         for other in [&alone, &others] {
             assert_eq!(other.pixel, whole.pixel);
@@ -84,7 +94,7 @@ fn labels_outside_of_the_clicked_pixel_do_not_change_what_is_selected() {
     }
     assert_eq!(chosen, 5, "each method selects something, so that there is something to compare");
     // the oracle does know the other labels
-    let best = |p: &Prompt| oracle::best(scenery, Method::Coarse, p, 1).unwrap().fit;
+    let best = |p: &ClickPrompt| oracle::best(scenery, SelectionMethod::Coarse, p, 1).unwrap().fit;
     assert_ne!(best(&whole), best(&alone));
 }
 
@@ -95,13 +105,13 @@ fn further_clicks_add_to_what_is_selected() {
     let config = SegmentConfig::default();
     let scenery = Scenery { at: &at, trained: &trained, config: &config };
     // both balls are wanted
-    let prompt = Prompt::new(&[view(|_, _| 3)], &[3], (&at, rendering()), (2, &ClickConfig::default()), &device)
+    let prompt = ClickPrompt::new(&[view(|_, _| 3)], &[3], (&at, rendering()), (2, &ClickConfig::default()), &device)
         .unwrap()
         .unwrap();
     let [first, second] = [3, COUNT as u32 + 3].map(|i| Click { under: vec![(i, 1.0)] });
-    let setting = Setting::fixed(Method::Coarse, &SegmentConfig::default());
-    let one = fixed(scenery, (Method::Coarse, &setting), first.clone(), 1, |_| Some(second.clone())).unwrap();
-    let two = fixed(scenery, (Method::Coarse, &setting), first, 2, |_| Some(second.clone())).unwrap();
+    let setting = MethodSetting::fixed(SelectionMethod::Coarse, &SegmentConfig::default());
+    let one = fixed(scenery, (SelectionMethod::Coarse, &setting), first.clone(), 1, |_| Some(second.clone())).unwrap();
+    let two = fixed(scenery, (SelectionMethod::Coarse, &setting), first, 2, |_| Some(second.clone())).unwrap();
     assert_eq!((one.clicks, two.clicks), (1, 2));
     assert!(one.selected.members.iter().all(|i| (*i as usize) < COUNT));
     assert!(two.selected.members.len() > one.selected.members.len() + COUNT / 2);
@@ -111,10 +121,10 @@ fn further_clicks_add_to_what_is_selected() {
     );
     // a click on nothing selects nothing
     let nowhere = Click { under: Vec::new() };
-    for method in Method::ALL {
-        let setting = Setting::fixed(method, &SegmentConfig::default());
+    for method in SelectionMethod::ALL {
+        let setting = MethodSetting::fixed(method, &SegmentConfig::default());
         let found = fixed(scenery, (method, &setting), nowhere.clone(), 1, |_| None).unwrap();
-        assert_eq!(found.selected, Selected::default(), "{method}");
+        assert_eq!(found.selected, SelectedGaussians::default(), "{method}");
     }
 }
 
@@ -122,12 +132,12 @@ fn further_clicks_add_to_what_is_selected() {
 fn moved_gaussians_keep_the_position_of_the_selection() {
     let at = APART.gaussians();
     let moved = (vec![0.5, 0.0, 0.0, 0.0, 0.25, 0.0], vec![0.0, 0.0, -1.0, 0.0, 0.0, 0.0]);
-    let selected = Selected { members: vec![2, 7], moved, asked: None };
+    let selected = SelectedGaussians { members: vec![2, 7], moved, asked: None };
     let all = selected.within(&at);
     assert_eq!(all.subset(&selected.members), selected.gaussians(&at));
     assert_eq!((all.means[3 * 2], all.means[3 * 7 + 1]), (at.means[6] + 0.5, at.means[22] + 0.25));
     assert_eq!(all.subset(&[0, 5]), at.subset(&[0, 5]));
-    let plain = Selected { members: vec![1, 7], ..Selected::default() };
+    let plain = SelectedGaussians { members: vec![1, 7], ..SelectedGaussians::default() };
     let both = plain.with(&selected);
     assert_eq!((both.members.clone(), both.moved.0[..3].to_vec()), (vec![1, 2, 7], vec![0.0; 3]));
     assert_eq!(both.moved.0[6..], [0.0; 3], "where both have it, as the first has it");

@@ -1,6 +1,6 @@
 //! Settings of each method: the one fixed in advance, and the tries of the oracle, the same number for each method.
 
-use super::method::Method;
+use super::method::SelectionMethod;
 use crate::config::types::SegmentConfig;
 use crate::config::types::segment::ColourSpace;
 use crate::segment::baselines::sagd::{MaskChoice, SagdOptions};
@@ -46,7 +46,7 @@ impl Colouring {
 
 /// A setting of a method.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Setting {
+pub enum MethodSetting {
     /// How colours are found.
     Coarse(Colouring),
     /// An affinity field, of the scene or within a colour.
@@ -57,25 +57,25 @@ pub enum Setting {
     Sagd(SagdOptions),
 }
 
-impl Setting {
+impl MethodSetting {
     /// Returns the setting of a method that nobody has tuned: the default of `segment coarse` and `segment pick`; for
     /// SAGA, what corresponds to it; for SAGD, the published one.
-    pub fn fixed(method: Method, config: &SegmentConfig) -> Self {
+    pub fn fixed(method: SelectionMethod, config: &SegmentConfig) -> Self {
         match method {
-            Method::Coarse => Self::Coarse(Colouring::fixed(config)),
-            Method::Fine | Method::CoarseFine => Self::Field(PickOptions::default()),
-            Method::Saga => Self::Saga(SagaPick::default()),
-            Method::Sagd => Self::Sagd(SagdOptions::default()),
+            SelectionMethod::Coarse => Self::Coarse(Colouring::fixed(config)),
+            SelectionMethod::Fine | SelectionMethod::CoarseFine => Self::Field(PickOptions::default()),
+            SelectionMethod::Saga => Self::Saga(SagaPick::default()),
+            SelectionMethod::Sagd => Self::Sagd(SagdOptions::default()),
         }
     }
 
     /// Returns what the oracle may choose from, including the fixed setting. Fields: the fixed setting, and eleven
     /// combinations of three scales with four cosines; SAGA: all twelve combinations; SAGD: three choices of a mask
     /// with four fractions of the votes; `coarse`: six numbers of colours in two spaces. No two are equal.
-    pub fn tries(method: Method, config: &SegmentConfig) -> [Self; TRIES] {
+    pub fn tries(method: SelectionMethod, config: &SegmentConfig) -> [Self; TRIES] {
         let coarse = Colouring::fixed(config);
         std::array::from_fn(|i| match method {
-            Method::Coarse => {
+            SelectionMethod::Coarse => {
                 let clusters = match i / 2 {
                     0 => coarse.clusters,
                     n if coarse.clusters == COLOURS[n - 1] => SPARE,
@@ -86,16 +86,16 @@ impl Setting {
                 Self::Coarse(Colouring { clusters, space })
             }
             // the levels that the masks show replace the smallest scale with the lowest cosine
-            Method::Fine | Method::CoarseFine if i == 0 => Self::Field(PickOptions::default()),
-            Method::Fine | Method::CoarseFine => {
+            SelectionMethod::Fine | SelectionMethod::CoarseFine if i == 0 => Self::Field(PickOptions::default()),
+            SelectionMethod::Fine | SelectionMethod::CoarseFine => {
                 let (scale, threshold) = by_hand(i);
                 Self::Field(PickOptions { meaning: Granularity::By { scale, threshold }, ..PickOptions::default() })
             }
-            Method::Saga => {
+            SelectionMethod::Saga => {
                 let (scale, cosine) = by_hand(i);
                 Self::Saga(SagaPick::like(scale, cosine))
             }
-            Method::Sagd => {
+            SelectionMethod::Sagd => {
                 let choice = [MaskChoice::Largest, MaskChoice::Middle, MaskChoice::Smallest][i / 4];
                 Self::Sagd(SagdOptions { choice, agreement: AGREEMENTS[i % 4], ..SagdOptions::default() })
             }
@@ -108,7 +108,7 @@ fn by_hand(i: usize) -> (f32, f32) {
     (SCALES[i / 4], COSINES[i % 4])
 }
 
-impl fmt::Display for Setting {
+impl fmt::Display for MethodSetting {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Coarse(c) => {
@@ -150,12 +150,12 @@ mod tests {
         for clusters in [0, SPARE].into_iter().chain(COLOURS) {
             let mut config = SegmentConfig::default();
             config.colour.clusters = clusters;
-            for method in Method::ALL {
-                let tries = Setting::tries(method, &config);
+            for method in SelectionMethod::ALL {
+                let tries = MethodSetting::tries(method, &config);
                 for (i, one) in tries.iter().enumerate() {
                     assert!(!tries[..i].contains(one), "{method}, {clusters}: {one}");
                 }
-                assert!(tries.contains(&Setting::fixed(method, &config)), "{method}, {clusters}");
+                assert!(tries.contains(&MethodSetting::fixed(method, &config)), "{method}, {clusters}");
             }
         }
     }
@@ -165,8 +165,8 @@ mod tests {
         let numbers = |clusters| {
             let mut config = SegmentConfig::default();
             config.colour.clusters = clusters;
-            Setting::tries(Method::Coarse, &config).map(|setting| match setting {
-                Setting::Coarse(options) => options.clusters,
+            MethodSetting::tries(SelectionMethod::Coarse, &config).map(|setting| match setting {
+                MethodSetting::Coarse(options) => options.clusters,
                 other => panic!("{other}"),
             })
         };

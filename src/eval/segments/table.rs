@@ -1,9 +1,9 @@
 //! Results as tables: a row per segment and method at the chosen time, and for tracking a row per segment and time.
 //! Selections with fixed settings come first, and scores in space before those in pictures.
 
-use super::method::Method;
-use super::result::{Means, Outcome, Row, SegmentEvaluation, SegmentResult};
-use crate::draw::plot::{Series, line_plot};
+use super::method::SelectionMethod;
+use super::result::{SegmentEvaluation, SegmentResult, SelectionMeans, SelectionOutcome, TimeRow};
+use crate::draw::plot::{PlotSeries, line_plot};
 use crate::draw::views::view_sheet;
 use crate::export::images::encode_png;
 use crate::files::{AtomicDir, FolderKind, WriteError};
@@ -29,7 +29,7 @@ pub fn markdown(evaluation: &SegmentEvaluation) -> String {
     );
     // writing to a String cannot fail
     for r in &evaluation.results {
-        let of = |o: &Outcome| Means::mean(&[o]);
+        let of = |o: &SelectionOutcome| SelectionMeans::mean(&[o]);
         let training = evaluation.training_seconds.get(r.method.name()).copied().filter(|t| *t > 0.0);
         let cells = cells(&of(&r.fixed), r.oracle.as_ref().map(of).as_ref().filter(|_| asked));
         let (training, click) = (cell(training, 1), cell(Some(r.fixed.click_seconds), 2));
@@ -42,8 +42,8 @@ pub fn markdown(evaluation: &SegmentEvaluation) -> String {
     out + "\n" + &note(evaluation)
 }
 
-fn cells(fixed: &Means, oracle: Option<&Means>) -> String {
-    let overlaps = |m: &Means| [m.iou_3d, m.least_iou_3d, m.iou, m.least_iou].map(|v| cell(v, 2));
+fn cells(fixed: &SelectionMeans, oracle: Option<&SelectionMeans>) -> String {
+    let overlaps = |m: &SelectionMeans| [m.iou_3d, m.least_iou_3d, m.iou, m.least_iou].map(|v| cell(v, 2));
     let mut all = overlaps(fixed).to_vec();
     all.extend([cell(fixed.psnr, 2), cell(fixed.ssim, 3), cell(fixed.lpips, 3)]);
     all.extend(oracle.into_iter().flat_map(overlaps));
@@ -56,7 +56,7 @@ fn cell(value: Option<f64>, digits: usize) -> String {
 
 /// Returns what the numbers are based on: views, times, seed, tries.
 fn note(evaluation: &SegmentEvaluation) -> String {
-    let views = |of: &dyn Fn(&Row) -> usize| {
+    let views = |of: &dyn Fn(&TimeRow) -> usize| {
         let counts = || evaluation.results.iter().filter_map(|r| r.fixed.at.as_ref()).map(of);
         match (counts().min(), counts().max()) {
             (Some(least), Some(most)) if least == most => format!("{most}"),
@@ -126,7 +126,7 @@ fn note(evaluation: &SegmentEvaluation) -> String {
 
 /// Returns the time, or the first and the last time, that figures of the clicked time are of; `None` if it is the
 /// clicked one.
-fn elsewhere(evaluation: &SegmentEvaluation, time: &dyn Fn(&Outcome) -> Option<f64>) -> Option<String> {
+fn elsewhere(evaluation: &SegmentEvaluation, time: &dyn Fn(&SelectionOutcome) -> Option<f64>) -> Option<String> {
     let times = || evaluation.results.iter().filter_map(move |r| time(&r.fixed));
     if times().all(|t| (t - evaluation.time).abs() < SAME_TIME) {
         return None;
@@ -136,7 +136,7 @@ fn elsewhere(evaluation: &SegmentEvaluation, time: &dyn Fn(&Outcome) -> Option<f
 }
 
 /// Returns the outcomes of all results with their names: the fixed setting's, then the oracle's.
-fn outcomes(evaluation: &SegmentEvaluation) -> impl Iterator<Item = (&SegmentResult, &'static str, &Outcome)> {
+fn outcomes(evaluation: &SegmentEvaluation) -> impl Iterator<Item = (&SegmentResult, &'static str, &SelectionOutcome)> {
     evaluation
         .results
         .iter()
@@ -147,7 +147,7 @@ fn plain(value: Option<f64>, digits: usize) -> String {
     value.map(|v| format!("{v:.digits$}")).unwrap_or_default()
 }
 
-fn row_cells(r: &Row) -> String {
+fn row_cells(r: &TimeRow) -> String {
     format!(
         "{:.6},{},{},{},{},{},{},{}",
         r.time,
@@ -212,21 +212,22 @@ pub const KIND: FolderKind = FolderKind {
 /// If something else is there, or a file cannot be written.
 pub fn write_results(folder: &Path, evaluation: &SegmentEvaluation) -> Result<(), WriteError> {
     let out = AtomicDir::create_replacing(folder, &KIND, &[])?;
-    let put = |name: &str, bytes: &[u8]| std::fs::write(out.dir().join(name), bytes).map_err(WriteError::at(folder));
-    put("segments.json", &serde_json::to_vec_pretty(evaluation).map_err(WriteError::at(folder))?)?;
+    let put =
+        |name: &str, bytes: &[u8]| std::fs::write(out.dir().join(name), bytes).map_err(WriteError::writing(folder));
+    put("segments.json", &serde_json::to_vec_pretty(evaluation).map_err(WriteError::writing(folder))?)?;
     put("segments.csv", csv_at(evaluation).as_bytes())?;
     put("tracking.csv", csv_tracking(evaluation).as_bytes())?;
     put("volumes.csv", csv_volumes(evaluation).as_bytes())?;
     put("table.md", markdown(evaluation).as_bytes())?;
-    for method in Method::ALL {
+    for method in SelectionMethod::ALL {
         let name = method.name().replace('+', "-");
-        let flat = |o: &Outcome| o.times.iter().filter_map(|r| Some((r.time, r.iou?))).collect();
-        let deep = |o: &Outcome| o.volumes.iter().filter_map(|v| Some((v.time, v.iou_3d?))).collect();
-        let kinds: [(&str, &str, &Points); 2] = [("iou-3d", "3D IoU", &deep), ("iou", "2D IoU", &flat)];
+        let flat = |o: &SelectionOutcome| o.times.iter().filter_map(|r| Some((r.time, r.iou?))).collect();
+        let deep = |o: &SelectionOutcome| o.volumes.iter().filter_map(|v| Some((v.time, v.iou_3d?))).collect();
+        let kinds: [(&str, &str, &PlotPoints); 2] = [("iou-3d", "3D IoU", &deep), ("iou", "2D IoU", &flat)];
         for (file, what, points) in kinds {
             let of = evaluation.results.iter().filter(|r| r.method == method);
-            let series = of.map(|r| Series { name: r.segment.clone(), points: points(&r.fixed) });
-            let series: Vec<Series> = series.filter(|s| s.points.len() > 1).collect();
+            let series = of.map(|r| PlotSeries { name: r.segment.clone(), points: points(&r.fixed) });
+            let series: Vec<PlotSeries> = series.filter(|s| s.points.len() > 1).collect();
             if !series.is_empty() {
                 let plot = line_plot(&format!("{what} over time, {method}"), "time", "%", &series);
                 put(&format!("{file}-{name}.svg"), plot.as_bytes())?;
@@ -235,13 +236,13 @@ pub fn write_results(folder: &Path, evaluation: &SegmentEvaluation) -> Result<()
     }
     if !evaluation.pictures.is_empty() {
         let sheet = view_sheet(&evaluation.pictures, evaluation.columns, 300);
-        put("segments.png", &encode_png(&sheet).map_err(WriteError::at(folder))?)?;
+        put("segments.png", &encode_png(&sheet).map_err(WriteError::writing(folder))?)?;
     }
     Ok(out.commit_replacing(&KIND, &[])?)
 }
 
 /// Function from an outcome to the points of a plot.
-type Points = dyn Fn(&Outcome) -> Vec<(f64, f64)>;
+type PlotPoints = dyn Fn(&SelectionOutcome) -> Vec<(f64, f64)>;
 
 #[cfg(test)]
 mod tests {
@@ -277,10 +278,11 @@ mod tests {
         let of = |flat: f64, deep: f64| {
             let mut evaluation = empty();
             let score = FrameScore { time: flat, iou: Some(0.5), picture: None };
-            let mut fixed = Outcome::default();
+            let mut fixed = SelectionOutcome::default();
             fixed.fill(0.5, &[score], vec![VolumeScore { time: deep, iou_3d: Some(70.0) }]);
             let (segment, view) = ("core".to_owned(), "r_000".to_owned());
-            let result = SegmentResult { segment, method: Method::Coarse, view, pixel: [0; 2], fixed, oracle: None };
+            let result =
+                SegmentResult { segment, method: SelectionMethod::Coarse, view, pixel: [0; 2], fixed, oracle: None };
             evaluation.results.push(result);
             (markdown(&evaluation), csv_at(&evaluation))
         };
@@ -294,8 +296,15 @@ mod tests {
         assert!(csv.contains(",0.492000,1,1,50.000000,") && csv.ends_with(",0.525400\n"), "{csv}");
         // without pictures and volumes
         let mut none = empty();
-        let (segment, view, fixed) = ("core".to_owned(), "r_000".to_owned(), Outcome::default());
-        none.results.push(SegmentResult { segment, method: Method::Coarse, view, pixel: [0; 2], fixed, oracle: None });
+        let (segment, view, fixed) = ("core".to_owned(), "r_000".to_owned(), SelectionOutcome::default());
+        none.results.push(SegmentResult {
+            segment,
+            method: SelectionMethod::Coarse,
+            view,
+            pixel: [0; 2],
+            fixed,
+            oracle: None,
+        });
         let csv = csv_at(&none);
         let columns: Vec<usize> = csv.lines().map(|l| l.split(',').count()).collect();
         assert_eq!(columns[0], columns[1], "{csv}");

@@ -10,14 +10,14 @@ use std::str::FromStr;
 /// Several known segments measured as one, as in `pair=tube-a+tube-b`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
-pub struct Union {
+pub struct TargetUnion {
     /// Its name in tables.
     pub name: Name,
     /// Names of the segments.
     pub parts: Vec<String>,
 }
 
-impl FromStr for Union {
+impl FromStr for TargetUnion {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -38,7 +38,7 @@ impl FromStr for Union {
     }
 }
 
-impl TryFrom<String> for Union {
+impl TryFrom<String> for TargetUnion {
     type Error = String;
 
     fn try_from(text: String) -> Result<Self, String> {
@@ -46,15 +46,15 @@ impl TryFrom<String> for Union {
     }
 }
 
-impl From<Union> for String {
-    fn from(union: Union) -> Self {
+impl From<TargetUnion> for String {
+    fn from(union: TargetUnion) -> Self {
         format!("{}={}", union.name, union.parts.join("+"))
     }
 }
 
 /// One row of the tables.
 #[derive(Clone, Debug)]
-pub struct Target {
+pub struct EvalTarget {
     /// Its name.
     pub name: String,
     /// Ids of its segments in label images and volumes, at the time of the click.
@@ -70,7 +70,12 @@ pub struct Target {
 /// # Errors
 /// If a segment is unknown, a union has the name of a segment or of another union, or the segments of a union are known
 /// in different views.
-pub fn targets(truth: &Truth, only: &[String], unions: &[Union], clicked: f64) -> Result<Vec<Target>, DataError> {
+pub fn targets(
+    truth: &Truth,
+    only: &[String],
+    unions: &[TargetUnion],
+    clicked: f64,
+) -> Result<Vec<EvalTarget>, DataError> {
     let path = truth.root.join(truth::FILE);
     let bad = |problem: String| {
         let names: Vec<&str> = truth.file.segments.iter().map(|s| s.name.as_str()).collect();
@@ -85,7 +90,7 @@ pub fn targets(truth: &Truth, only: &[String], unions: &[Union], clicked: f64) -
         id(name)?;
     }
     let target = |name: String, ids: Vec<u16>| match followed(truth, &ids, clicked) {
-        Some(frames) => Ok(Target { name, ids, frames }),
+        Some(frames) => Ok(EvalTarget { name, ids, frames }),
         None => Err(bad(format!("the segments of \"{name}\" have ground truth in different views"))),
     };
     let wanted = truth.file.segments.iter().filter(|s| only.is_empty() || only.contains(&s.name));
@@ -128,7 +133,7 @@ fn followed(truth: &Truth, ids: &[u16], clicked: f64) -> Option<Vec<TruthFrame>>
 mod tests {
     use super::*;
     use crate::data::Normalisation;
-    use crate::data::lineage::{Change, LineageEvent};
+    use crate::data::lineage::{LineageChange, LineageEvent};
     use crate::data::truth::{SegmentEntry, SegmentFile, SegmentFrame};
 
     fn truth() -> Truth {
@@ -159,17 +164,17 @@ mod tests {
 
     #[test]
     fn a_union_is_read_and_refused_with_its_text() {
-        let union: Union = "pair = a + b".parse().unwrap();
+        let union: TargetUnion = "pair = a + b".parse().unwrap();
         assert_eq!((union.name.to_string(), union.parts), ("pair".into(), vec!["a".to_owned(), "b".into()]));
         for text in ["pair", "=a+b", "pair=", "pair=a", "pair=a+", "pair=a+a", "../x=a+b"] {
-            let error = text.parse::<Union>().unwrap_err();
+            let error = text.parse::<TargetUnion>().unwrap_err();
             assert!(error.contains(text) && error.contains("NAME=SEGMENT+SEGMENT"), "{error}");
         }
     }
 
     #[test]
     fn segments_and_unions_are_targets_and_unknown_names_are_reported() {
-        let union = |text: &str| text.parse::<Union>().unwrap();
+        let union = |text: &str| text.parse::<TargetUnion>().unwrap();
         let found = targets(&truth(), &["b".to_owned()], &[union("pair=a+b")], 0.5).unwrap();
         let rows: Vec<_> = found.iter().map(|t| (t.name.as_str(), t.ids.clone(), t.frames.len())).collect();
         assert_eq!(rows, [("b", vec![2], 2), ("pair", vec![1, 2], 2)]);
@@ -191,7 +196,7 @@ mod tests {
         let mut truth = truth();
         let Truth { file, .. } = &mut truth;
         file.segments.truncate(2);
-        file.lineage.push(LineageEvent { time: 0.4, segment: 1, change: Change::Ended, other: Some(2) });
+        file.lineage.push(LineageEvent { time: 0.4, segment: 1, change: LineageChange::Ended, other: Some(2) });
         let times = |clicked| -> Vec<Vec<(f64, usize)>> {
             let found = targets(&truth, &[], &[], clicked).unwrap();
             found.iter().map(|t| t.frames.iter().map(|f| (f.time, f.segments())).collect()).collect()

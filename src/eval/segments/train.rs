@@ -2,10 +2,10 @@
 //! Each method is timed for everything it needs, including masks. The ground truth is read here only if label images
 //! are the masks.
 
-use super::method::Method;
-use super::options::{SegmentEvalError, SegmentOptions};
-use super::setting::{Colouring, Setting};
-use super::truth::{Labelled, labelled};
+use super::method::SelectionMethod;
+use super::options::{SegmentEvalError, SegmentEvalOptions};
+use super::setting::{Colouring, MethodSetting};
+use super::truth::{LabelledTrainingView, labelled};
 use crate::config::types::SegmentConfig;
 use crate::config::types::segment::ColourSpace;
 use crate::data::Truth;
@@ -16,46 +16,46 @@ use crate::segment::baselines::saga::{self, SagaError, SagaModel};
 use crate::segment::baselines::sagd::SagdView;
 use crate::segment::coarse::{Coarse, coarse, other_times};
 use crate::segment::fine::AffinityField;
-use crate::segment::fine::network::Frame;
+use crate::segment::fine::network::PositionBox;
 use crate::segment::fine::train::{self as fine, FineError};
 use crate::segment::fine::views::{FineView, read_views};
 use crate::segment::masks::MaskReader;
 use crate::segment::masks::handout::write_pictures;
-use crate::segment::masks::make::{MakeError, MaskJob, Shot, make_masks};
+use crate::segment::masks::make::{MakeError, MaskJob, MaskShot, make_masks};
 use crate::segment::masks::registry::{ChosenSource, SourceInput, SourceViews};
-use crate::segment::masks::source::{Group, MaskInput, MaskSource, ScoredMask, SourceError};
+use crate::segment::masks::source::{MaskGroup, MaskInput, MaskSource, ScoredMask, SourceError};
 use burn::tensor::Device;
 use std::collections::HashMap;
 use std::path::Path;
 use std::time::Instant;
 
 /// A field of features, lifted from masks.
-pub struct Lifted {
+pub struct LiftedField {
     /// The field.
     pub field: AffinityField,
     /// The box of its positions.
-    pub frame: Frame,
+    pub frame: PositionBox,
     /// Spreads of the masks, scene units, ascending.
     pub spreads: Vec<f32>,
 }
 
 /// What the methods have learnt before the clicks.
-pub struct Trained {
+pub struct TrainedMethods {
     /// Gaussians by colour: first as `segment coarse` finds them, then at the settings that the oracle tries.
     pub colours: Vec<(Colouring, Coarse)>,
     /// Field trained on masks of each colour alone.
-    pub parts: Option<Lifted>,
+    pub parts: Option<LiftedField>,
     /// Field trained on masks of the whole scene.
-    pub whole: Option<Lifted>,
+    pub whole: Option<LiftedField>,
     /// SAGA's features.
     pub saga: Option<SagaModel>,
     /// SAGD's masks.
     pub votes: Option<Vec<SagdView>>,
     /// Seconds by method.
-    pub seconds: HashMap<Method, f64>,
+    pub seconds: HashMap<SelectionMethod, f64>,
 }
 
-impl Trained {
+impl TrainedMethods {
     /// Returns the Gaussians by colour, as `segment coarse` finds them.
     pub fn coarse(&self) -> &Coarse {
         &self.colours[0].1
@@ -71,9 +71,9 @@ pub struct Trainers<'a> {
     /// The Gaussians at the time of the clicks.
     pub at: &'a HostGaussians,
     /// Labelled views of that time.
-    pub views: &'a [Labelled],
+    pub views: &'a [LabelledTrainingView],
     /// Options of the evaluation.
-    pub options: &'a SegmentOptions,
+    pub options: &'a SegmentEvalOptions,
     /// The options of segmentation.
     pub config: &'a SegmentConfig,
     /// The source of masks.
@@ -87,7 +87,12 @@ const SCENE: &str = "scene";
 
 impl Trainers<'_> {
     /// Makes everything that the chosen methods need; masks are kept in files in `work`.
-    pub fn train(&self, time: f64, work: &Path, say: &mut impl FnMut(&str)) -> Result<Trained, SegmentEvalError> {
+    pub fn train(
+        &self,
+        time: f64,
+        work: &Path,
+        say: &mut impl FnMut(&str),
+    ) -> Result<TrainedMethods, SegmentEvalError> {
         let mut seconds = HashMap::new();
         say("coarse: colours");
         let started = Instant::now();
@@ -101,49 +106,49 @@ impl Trainers<'_> {
         };
         let found = coloured(own)?;
         let coarse_seconds = started.elapsed().as_secs_f64();
-        seconds.insert(Method::Coarse, coarse_seconds);
+        seconds.insert(SelectionMethod::Coarse, coarse_seconds);
         let mut colours = vec![(own, found)];
-        if self.wants(Method::Coarse) && self.options.oracle {
-            for setting in Setting::tries(Method::Coarse, config) {
-                let Setting::Coarse(colouring) = setting else { continue };
+        if self.wants(SelectionMethod::Coarse) && self.options.oracle {
+            for setting in MethodSetting::tries(SelectionMethod::Coarse, config) {
+                let MethodSetting::Coarse(colouring) = setting else { continue };
                 if !colours.iter().any(|(known, _)| *known == colouring) {
                     colours.push((colouring, coloured(colouring)?));
                 }
             }
         }
-        let frame = Frame::around(&self.at.visible_means());
+        let frame = PositionBox::around(&self.at.visible_means());
         let (parts, scene) = self.groups(&colours[0].1);
         let masker =
             Masker { trainers: self, shots: self.shots()?, time, work, all: [&parts[..], &scene[..]].concat() };
-        let mut trained = Trained { colours, parts: None, whole: None, saga: None, votes: None, seconds };
+        let mut trained = TrainedMethods { colours, parts: None, whole: None, saga: None, votes: None, seconds };
 
-        if self.wants(Method::CoarseFine) {
+        if self.wants(SelectionMethod::CoarseFine) {
             let started = Instant::now();
             let masks = masker.make(0..parts.len(), "parts.jsonl", say)?;
             let read = self.fine_views(&masks, &parts, &frame)?;
             trained.parts = Some(self.lift(&read, frame, "coarse+fine", say)?);
-            trained.seconds.insert(Method::CoarseFine, coarse_seconds + started.elapsed().as_secs_f64());
+            trained.seconds.insert(SelectionMethod::CoarseFine, coarse_seconds + started.elapsed().as_secs_f64());
         }
         if !scene.is_empty() {
             let started = Instant::now();
             let masks = masker.make(parts.len()..parts.len() + 1, "whole.jsonl", say)?;
             let mask_seconds = started.elapsed().as_secs_f64();
-            if self.wants(Method::Sagd) {
+            if self.wants(SelectionMethod::Sagd) {
                 trained.votes = Some(votes(&masks)?);
-                trained.seconds.insert(Method::Sagd, started.elapsed().as_secs_f64());
+                trained.seconds.insert(SelectionMethod::Sagd, started.elapsed().as_secs_f64());
             }
-            if !self.wants(Method::Fine) && !self.wants(Method::Saga) {
+            if !self.wants(SelectionMethod::Fine) && !self.wants(SelectionMethod::Saga) {
                 return Ok(trained);
             }
             let started = Instant::now();
             let read = self.fine_views(&masks, &scene, &frame)?;
             let before = mask_seconds + started.elapsed().as_secs_f64();
-            if self.wants(Method::Fine) {
+            if self.wants(SelectionMethod::Fine) {
                 let started = Instant::now();
                 trained.whole = Some(self.lift(&read, frame, "fine", say)?);
-                trained.seconds.insert(Method::Fine, before + started.elapsed().as_secs_f64());
+                trained.seconds.insert(SelectionMethod::Fine, before + started.elapsed().as_secs_f64());
             }
-            if self.wants(Method::Saga) {
+            if self.wants(SelectionMethod::Saga) {
                 let options = self.options.saga();
                 say(&format!("saga: {} steps", options.steps));
                 let started = Instant::now();
@@ -152,13 +157,13 @@ impl Trainers<'_> {
                     SagaError::NoMasks => SegmentEvalError::Input(e.to_string()),
                     e => SegmentEvalError::Failed(e.to_string()),
                 })?);
-                trained.seconds.insert(Method::Saga, before + started.elapsed().as_secs_f64());
+                trained.seconds.insert(SelectionMethod::Saga, before + started.elapsed().as_secs_f64());
             }
         }
         Ok(trained)
     }
 
-    fn wants(&self, method: Method) -> bool {
+    fn wants(&self, method: SelectionMethod) -> bool {
         self.options.methods.contains(&method)
     }
 
@@ -172,25 +177,26 @@ impl Trainers<'_> {
     }
 
     /// Returns the labelled views that serve as masks: all, or as many as requested, evenly spaced.
-    fn labelled(&self) -> impl Iterator<Item = &Labelled> {
+    fn labelled(&self) -> impl Iterator<Item = &LabelledTrainingView> {
         let (all, count) = (self.views.len(), self.options.views.min(self.views.len()));
         (0..count).map(move |k| &self.views[k * all / count])
     }
 
     /// Returns the groups to draw alone: each colour, if `coarse+fine` is requested, and the whole scene, if another
     /// method that needs masks is.
-    fn groups(&self, coarse: &Coarse) -> (Vec<Group>, Vec<Group>) {
-        let by_colour = coarse.groups().map(|(name, _, members)| Group { name, members });
-        let parts = if self.wants(Method::CoarseFine) { by_colour.collect() } else { Vec::new() };
-        let whole = [Method::Fine, Method::Saga, Method::Sagd].into_iter().any(|m| self.wants(m));
-        let all = || Group { name: SCENE.into(), members: (0..self.at.len() as u32).collect() };
+    fn groups(&self, coarse: &Coarse) -> (Vec<MaskGroup>, Vec<MaskGroup>) {
+        let by_colour = coarse.groups().map(|(name, _, members)| MaskGroup { name, members });
+        let parts = if self.wants(SelectionMethod::CoarseFine) { by_colour.collect() } else { Vec::new() };
+        let whole =
+            [SelectionMethod::Fine, SelectionMethod::Saga, SelectionMethod::Sagd].into_iter().any(|m| self.wants(m));
+        let all = || MaskGroup { name: SCENE.into(), members: (0..self.at.len() as u32).collect() };
         (parts, whole.then(all).into_iter().collect())
     }
 
     /// Returns the views that groups are drawn from.
-    fn shots(&self) -> Result<Vec<Shot>, String> {
+    fn shots(&self) -> Result<Vec<MaskShot>, String> {
         if self.has_labels() {
-            let shot = |v: &Labelled| Shot { file: v.view.name.clone(), camera: v.view.camera.clone() };
+            let shot = |v: &LabelledTrainingView| MaskShot { file: v.view.name.clone(), camera: v.view.camera.clone() };
             return Ok(self.labelled().map(shot).collect());
         }
         let camera = &self.views.first().ok_or("no labelled views at this time")?.view.camera;
@@ -200,10 +206,10 @@ impl Trainers<'_> {
             Some(axis) => biased(views, sphere, axis, self.options.bias_angle.to_radians(), lens),
             None => training_cameras(views, sphere, lens),
         };
-        Ok(Shot::numbered(cameras))
+        Ok(MaskShot::numbered(cameras))
     }
 
-    fn job<'b>(&'b self, groups: &'b [Group], shots: &'b [Shot], time: f64) -> MaskJob<'b> {
+    fn job<'b>(&'b self, groups: &'b [MaskGroup], shots: &'b [MaskShot], time: f64) -> MaskJob<'b> {
         let (rendering, config) = (self.scene.spec.rendering(), &self.config.masks);
         MaskJob { at: self.at, groups, shots, time, rendering, config, device: self.device }
     }
@@ -212,8 +218,8 @@ impl Trainers<'_> {
     fn fine_views(
         &self,
         masks: &MaskReader,
-        groups: &[Group],
-        frame: &Frame,
+        groups: &[MaskGroup],
+        frame: &PositionBox,
     ) -> Result<(Vec<FineView>, Vec<f32>), String> {
         let members: Vec<Vec<u32>> = groups.iter().map(|g| g.members.clone()).collect();
         let seed = self.options.seed;
@@ -225,28 +231,28 @@ impl Trainers<'_> {
     fn lift(
         &self,
         (views, spreads): &(Vec<FineView>, Vec<f32>),
-        frame: Frame,
+        frame: PositionBox,
         name: &str,
         say: &mut impl FnMut(&str),
-    ) -> Result<Lifted, SegmentEvalError> {
+    ) -> Result<LiftedField, SegmentEvalError> {
         let (config, seed) = (&self.config.affinity, self.options.seed);
         say(&format!("{name}: {} steps", config.steps));
         let field = fine::train(views, config, seed, self.device, |_, _| true).map_err(|e| match e {
             FineError::NoMasks => SegmentEvalError::Input(e.to_string()),
             e => SegmentEvalError::Failed(e.to_string()),
         })?;
-        Ok(Lifted { field, frame, spreads: spreads.clone() })
+        Ok(LiftedField { field, frame, spreads: spreads.clone() })
     }
 }
 
 /// Makes mask files.
 struct Masker<'a> {
     trainers: &'a Trainers<'a>,
-    shots: Vec<Shot>,
+    shots: Vec<MaskShot>,
     time: f64,
     work: &'a Path,
     /// All groups that may have masks.
-    all: Vec<Group>,
+    all: Vec<MaskGroup>,
 }
 
 impl Masker<'_> {
@@ -313,7 +319,7 @@ impl MaskSource for Shifted {
 pub fn write_mask_pictures(
     scene: &Scene,
     truth: &Truth,
-    options: &SegmentOptions,
+    options: &SegmentEvalOptions,
     folder: &Path,
     progress: impl FnMut() -> bool,
 ) -> Result<usize, SegmentEvalError> {

@@ -34,7 +34,7 @@ pub struct TruthImage {
 
 /// A training view with the segment visible at each pixel.
 #[derive(Clone, Debug)]
-pub struct Labelled {
+pub struct LabelledTrainingView {
     /// The view.
     pub view: truth::LabelledView,
     /// Id of the visible segment, `[H, W]`; 0 if none is.
@@ -61,9 +61,9 @@ pub fn frames(truth: &Truth, id: u16) -> Vec<TruthFrame> {
 ///
 /// # Errors
 /// If there are no label images, or one is damaged.
-pub fn labelled(truth: &Truth, time: f64) -> Result<Vec<Labelled>, DataError> {
+pub fn labelled(truth: &Truth, time: f64) -> Result<Vec<LabelledTrainingView>, DataError> {
     let views = truth.views_near(time, 0, 1)?;
-    views.into_iter().map(|view| Ok(Labelled { labels: truth.labels(&view)?, view })).collect()
+    views.into_iter().map(|view| Ok(LabelledTrainingView { labels: truth.labels(&view)?, view })).collect()
 }
 
 impl TruthFrame {

@@ -4,10 +4,10 @@
 //! the cells of a ground-truth volume that show anything. Cells are weighted by their true opacity, so that what is
 //! barely visible hardly counts, and empty space not at all.
 
-use super::select::Selected;
+use super::select::SelectedGaussians;
 use crate::data::TruthVolume;
 use crate::model::HostGaussians;
-use crate::segment::place::{Cloud, PlaceError, Places, SHARE};
+use crate::segment::place::{Cloud, PlaceError, SHARE, SegmentPlaces};
 use crate::volume::grid::Grid;
 
 /// Cells of a true opacity up to this are empty: a thousandth over the length of a cell is not visible anywhere.
@@ -16,7 +16,7 @@ const FLOOR: f32 = 1e-3;
 const CHOSEN: u32 = 1;
 
 /// The cells of a ground-truth volume with the Gaussians at its time.
-pub struct Cells<'a> {
+pub struct TruthCells<'a> {
     volume: &'a TruthVolume,
     at: &'a HostGaussians,
     /// The same as wide as they are drawn.
@@ -25,7 +25,7 @@ pub struct Cells<'a> {
     widening: f64,
 }
 
-impl<'a> Cells<'a> {
+impl<'a> TruthCells<'a> {
     /// Takes all Gaussians of the scene, `[N]`, at the volume's time; drawing widens them by the standard deviation
     /// `widening`, scene units.
     ///
@@ -61,14 +61,14 @@ impl<'a> Cells<'a> {
     ///
     /// # Errors
     /// If arrays disagree.
-    pub fn iou(&self, selected: &Selected, ids: &[u16]) -> Result<Option<f64>, PlaceError> {
+    pub fn iou(&self, selected: &SelectedGaussians, ids: &[u16]) -> Result<Option<f64>, PlaceError> {
         // Gaussians that were cut back reach other cells
         let moved = selected.moves().then(|| selected.within(self.at).widened(self.widening));
         let at = moved.as_ref().unwrap_or(&self.drawn);
         let mut labels = vec![0; at.len()];
         selected.members.iter().for_each(|&i| labels[i as usize] = CHOSEN);
         let opacity = at.opacity();
-        let of_cells = Places::new(Cloud::new(at, &opacity, &labels), &self.grid, SHARE)?.labels();
+        let of_cells = SegmentPlaces::new(Cloud::new(at, &opacity, &labels), &self.grid, SHARE)?.labels();
         // one after the other, for the same sum with any number of threads
         let (mut both, mut either) = (0.0f64, 0.0f64);
         for ((label, id), opacity) in of_cells.iter().zip(&self.volume.ids).zip(&self.volume.opacity) {

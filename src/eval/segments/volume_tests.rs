@@ -52,16 +52,16 @@ fn filled(keep: impl Fn(DVec3) -> bool) -> (HostGaussians, Vec<u16>) {
     (at, of)
 }
 
-fn select(of: &[u16], wanted: impl Fn(usize, u16) -> bool) -> Selected {
+fn select(of: &[u16], wanted: impl Fn(usize, u16) -> bool) -> SelectedGaussians {
     let members = of.iter().enumerate().filter(|(i, b)| wanted(*i, **b)).map(|(i, _)| i as u32).collect();
-    Selected { members, ..Selected::default() }
+    SelectedGaussians { members, ..SelectedGaussians::default() }
 }
 
 #[test]
 fn balls_are_found_and_their_overlap_is_that_of_the_opacities() {
     let truth = volume(balls);
     let (at, of) = filled(|_| true);
-    let cells = Cells::new(&truth, &at, 0.0).unwrap();
+    let cells = TruthCells::new(&truth, &at, 0.0).unwrap();
     let [left, both] = [select(&of, |_, b| b == 1), select(&of, |_, _| true)];
     assert_eq!(cells.iou(&left, &[1]).unwrap(), Some(1.0));
     assert_eq!(cells.iou(&left, &[2]).unwrap(), Some(0.0));
@@ -73,11 +73,11 @@ fn balls_are_found_and_their_overlap_is_that_of_the_opacities() {
     assert!(cells.hold(&[1]) && cells.hold(&[7, 2]) && !cells.hold(&[7]) && !cells.hold(&[]));
     assert_eq!(cells.labelled_share(), Some(1.0));
     let faint = volume(|p| (balls(p).0, 0.5 * FLOOR));
-    let faint = Cells::new(&faint, &at, 0.0).unwrap();
+    let faint = TruthCells::new(&faint, &at, 0.0).unwrap();
     assert!(!faint.hold(&[1]) && faint.labelled_share().is_none(), "its cells are empty");
     // the right ball without an id and three times as opaque
     let one = volume(|p| if balls(p).0 == 2 { (0, 0.9) } else { (balls(p).0, balls(p).1 * 0.6) });
-    let share = Cells::new(&one, &at, 0.0).unwrap().labelled_share().unwrap();
+    let share = TruthCells::new(&one, &at, 0.0).unwrap().labelled_share().unwrap();
     assert!((share - 0.25).abs() < 1e-6, "{share}");
     // half of the left ball, cut at its centre
     let half = select(&of, |i, b| b == 1 && f64::from(at.means[3 * i]) < CENTRES[0].x);
@@ -85,7 +85,7 @@ fn balls_are_found_and_their_overlap_is_that_of_the_opacities() {
     assert!((found - 0.5).abs() < 0.01, "{found}");
     // the right ball three times as opaque: it counts three times
     let heavy = volume(|p| if p.x > 0.0 && balls(p).0 > 0 { (2, 0.9) } else { (balls(p).0, balls(p).1 * 0.6) });
-    let found = Cells::new(&heavy, &at, 0.0).unwrap().iou(&both, &[2]).unwrap().unwrap();
+    let found = TruthCells::new(&heavy, &at, 0.0).unwrap().iou(&both, &[2]).unwrap().unwrap();
     assert!((found - 0.75).abs() < 1e-6, "{found}");
 }
 
@@ -95,7 +95,7 @@ fn the_interior_belongs_to_the_surface_and_empty_space_to_no_gaussian() {
     // an opaque surface layer, and nothing inside
     let surface_layer = |p: DVec3| CENTRES.iter().any(|c| c.distance(p) > RADIUS - 0.3 && c.distance(p) <= RADIUS);
     let (at, of) = filled(surface_layer);
-    let cells = Cells::new(&truth, &at, 0.0).unwrap();
+    let cells = TruthCells::new(&truth, &at, 0.0).unwrap();
     assert_eq!(cells.iou(&select(&of, |_, b| b == 1), &[1]).unwrap(), Some(1.0));
     // what lies in empty space claims no cells
     let mut more = at.clone();
@@ -104,7 +104,7 @@ fn the_interior_belongs_to_the_surface_and_empty_space_to_no_gaussian() {
     }
     let mut with = select(&of, |_, b| b == 1);
     with.members.extend(at.len() as u32..more.len() as u32);
-    assert_eq!(Cells::new(&truth, &more, 0.0).unwrap().iou(&with, &[1]).unwrap(), Some(1.0));
+    assert_eq!(TruthCells::new(&truth, &more, 0.0).unwrap().iou(&with, &[1]).unwrap(), Some(1.0));
 }
 
 #[test]
@@ -113,15 +113,15 @@ fn half_of_the_density_is_not_more_than_half() {
     let mut at = no_gaussians();
     add(&mut at, DVec3::splat(0.05), 0.05);
     add(&mut at, DVec3::splat(0.05), 0.05);
-    let cells = Cells::new(&truth, &at, 0.0).unwrap();
-    let of = |members: &[u32]| Selected { members: members.to_vec(), ..Selected::default() };
+    let cells = TruthCells::new(&truth, &at, 0.0).unwrap();
+    let of = |members: &[u32]| SelectedGaussians { members: members.to_vec(), ..SelectedGaussians::default() };
     assert_eq!(cells.iou(&of(&[0]), &[1]).unwrap(), Some(0.0));
     assert_eq!(cells.iou(&of(&[0, 1]), &[1]).unwrap(), Some(1.0));
     // cut back to a place beside the cell, the selected ones lose it
     let moved = (vec![0.5, 0.0, 0.0, 0.5, 0.0, 0.0], vec![0.0; 6]);
-    let cut = Selected { members: vec![0, 1], moved, asked: None };
+    let cut = SelectedGaussians { members: vec![0, 1], moved, asked: None };
     add(&mut at, DVec3::new(0.17, 0.05, 0.05), 0.06);
-    assert_eq!(Cells::new(&truth, &at, 0.0).unwrap().iou(&cut, &[1]).unwrap(), Some(0.0));
+    assert_eq!(TruthCells::new(&truth, &at, 0.0).unwrap().iou(&cut, &[1]).unwrap(), Some(0.0));
 }
 
 #[test]
@@ -129,7 +129,7 @@ fn non_finite_and_empty_inputs_are_accepted() {
     let truth = volume(balls);
     let (at, of) = filled(|_| true);
     let left = select(&of, |_, b| b == 1);
-    let expected = Cells::new(&truth, &at, 0.0).unwrap().iou(&left, &[1]).unwrap();
+    let expected = TruthCells::new(&truth, &at, 0.0).unwrap().iou(&left, &[1]).unwrap();
     for poison in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
         let mut bad = at.clone();
         for array in 0..4 {
@@ -142,18 +142,21 @@ fn non_finite_and_empty_inputs_are_accepted() {
                 _ => bad.opacity_logits[i] = if poison > 0.0 { f32::NAN } else { poison },
             }
         }
-        assert_eq!(Cells::new(&truth, &bad, 0.0).unwrap().iou(&left, &[1]).unwrap(), expected, "{poison}");
+        assert_eq!(TruthCells::new(&truth, &bad, 0.0).unwrap().iou(&left, &[1]).unwrap(), expected, "{poison}");
     }
     let mut holes = truth.clone();
     holes.opacity.iter_mut().step_by(7).for_each(|o| *o = f32::NAN);
-    assert_eq!(Cells::new(&holes, &at, 0.0).unwrap().iou(&left, &[1]).unwrap(), Some(1.0));
+    assert_eq!(TruthCells::new(&holes, &at, 0.0).unwrap().iou(&left, &[1]).unwrap(), Some(1.0));
     // no Gaussians, nothing selected, no opacity, arrays that disagree
     let none = no_gaussians();
-    assert_eq!(Cells::new(&truth, &none, 0.0).unwrap().iou(&Selected::default(), &[1]).unwrap(), Some(0.0));
+    assert_eq!(
+        TruthCells::new(&truth, &none, 0.0).unwrap().iou(&SelectedGaussians::default(), &[1]).unwrap(),
+        Some(0.0)
+    );
     let clear = volume(|_| (1, 0.0));
-    assert_eq!(Cells::new(&clear, &at, 0.0).unwrap().iou(&left, &[1]).unwrap(), None);
+    assert_eq!(TruthCells::new(&clear, &at, 0.0).unwrap().iou(&left, &[1]).unwrap(), None);
     let short = TruthVolume { ids: vec![1; 5], ..truth };
-    assert!(matches!(Cells::new(&short, &at, 0.0), Err(PlaceError::Shape { field: "ids", found: 5, .. })));
+    assert!(matches!(TruthCells::new(&short, &at, 0.0), Err(PlaceError::Shape { field: "ids", found: 5, .. })));
 }
 
 #[test]
@@ -164,7 +167,7 @@ fn the_number_of_threads_does_not_matter() {
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let cells = Cells::new(&truth, &at, 0.0).unwrap();
+            let cells = TruthCells::new(&truth, &at, 0.0).unwrap();
             cells.iou(&some, &[1]).unwrap().unwrap().to_bits()
         })
     };

@@ -4,11 +4,11 @@ mod output;
 mod refit;
 mod units;
 
-pub use output::{Output, Record};
+pub use output::{ExportOutput, ExportRecord};
 pub use refit::{MEASURED, Refit, RefitPlan};
-pub use units::Units;
+pub use units::ExportUnits;
 
-use super::labels::Labels;
+use super::labels::RunLabels;
 use super::selection::Selection;
 use super::{OpenRun, RunError};
 use crate::data::calibration::AxisConvention;
@@ -24,8 +24,8 @@ use std::path::Path;
 pub struct SplatPlan {
     /// Their format, which is one of Gaussians.
     pub format: &'static Exporter,
-    /// Their coordinates; [`Units::Physical`] only if the run knows the physical space of its data.
-    pub units: Units,
+    /// Their coordinates; [`ExportUnits::Physical`] only if the run knows the physical space of its data.
+    pub units: ExportUnits,
     /// Degree of the harmonics, see [`SplatFileOptions::sh_degree`].
     pub sh_degree: usize,
     /// How they are refitted to how other programs draw them, if so.
@@ -36,7 +36,7 @@ impl SplatPlan {
     /// Plans files as they are written by default.
     pub fn new(run: &OpenRun, format: &'static Exporter) -> Self {
         let refit = RefitPlan::new(run, None);
-        Self { format, units: Units::Scene, sh_degree: MAX_SH_DEGREE, refit }
+        Self { format, units: ExportUnits::Scene, sh_degree: MAX_SH_DEGREE, refit }
     }
 
     /// Number of steps in which each file is refitted; 0 as trained.
@@ -47,7 +47,7 @@ impl SplatPlan {
 
 /// What was written.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Written {
+pub struct WrittenExport {
     /// Gaussians in each file.
     pub gaussians: usize,
     /// What refitting achieved for each file; empty without it.
@@ -64,10 +64,10 @@ pub fn write_splats(
     run: &OpenRun,
     shown: &Selection,
     times: &[f64],
-    output: &Output,
+    output: &ExportOutput,
     plan: &SplatPlan,
     mut goes_on: impl FnMut() -> bool,
-) -> Result<Option<Written>, RunError> {
+) -> Result<Option<WrittenExport>, RunError> {
     // what is hidden is hidden at every time
     let all = shown.visible(&run.scene, 0.0)?;
     let count = all.len();
@@ -99,7 +99,7 @@ pub fn write_splats(
             refits.push(refit);
         }
         let calibration = run.calibration();
-        if let (Units::Physical, Some(space)) = (plan.units, &calibration.space) {
+        if let (ExportUnits::Physical, Some(space)) = (plan.units, &calibration.space) {
             units::to_physical(&mut at, space, log_scales, plan.format.extension)?;
         }
         let (path, comments) = (output.paths_of(i).0, units::comments(calibration, plan.units, *time));
@@ -115,17 +115,17 @@ pub fn write_splats(
             return Ok(None);
         }
     }
-    Ok(Some(Written { gaussians: count, refits }))
+    Ok(Some(WrittenExport { gaussians: count, refits }))
 }
 
-/// Writes the label of each voxel, as returned by [`Labels::labels_at`], to `path`; `edited` says whether they are of the
-/// edited scene, and `space` what the axes of space shall mean that the file states: as in the data if `None`.
+/// Writes the label of each voxel, as returned by [`RunLabels::labels_at`], to `path`; `edited` says whether they are
+/// of the edited scene, and `space` what the axes of space shall mean that the file states: as in the data if `None`.
 ///
 /// # Errors
 /// If something else is there, or it cannot be written.
 pub fn write_labels(
     path: &Path,
-    labels: &Labels<'_>,
+    labels: &RunLabels<'_>,
     ids: &[u16],
     edited: bool,
     write: LabelWriter,

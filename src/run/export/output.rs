@@ -1,7 +1,7 @@
 //! Destination of exported files: a single file that the user named, or a folder with one file per time.
 
 use super::super::{OpenRun, RunError};
-use super::Units;
+use super::ExportUnits;
 use crate::data::Calibration;
 use crate::export::exporters::Exporter;
 use crate::files::{AtomicDir, FolderKind, check_file, same_file};
@@ -20,7 +20,7 @@ static KIND: LazyLock<FolderKind> = LazyLock::new(|| {
 
 /// What a folder of exported files holds.
 #[derive(Debug, Serialize)]
-pub struct Record<'a> {
+pub struct ExportRecord<'a> {
     /// Version of the program.
     pub version: &'static str,
     /// Folder of the run.
@@ -37,7 +37,7 @@ pub struct Record<'a> {
     pub refit_steps: usize,
     /// Coordinates of Gaussians; absent for labels, whose files hold them.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub coordinates: Option<Units>,
+    pub coordinates: Option<ExportUnits>,
     /// Physical space and time of the scene, as far as its data gave them.
     pub calibration: &'a Calibration,
     /// Physical time of each file; absent if it is unknown.
@@ -45,7 +45,7 @@ pub struct Record<'a> {
     pub physical_times: Option<Vec<f64>>,
 }
 
-impl<'a> Record<'a> {
+impl<'a> ExportRecord<'a> {
     /// Creates the record of files that this version writes from `run`.
     pub fn new(run: &'a OpenRun, format: &'static str, times: &'a [f64], edited: bool, segments: &'a [String]) -> Self {
         let calibration = run.calibration();
@@ -67,13 +67,13 @@ impl<'a> Record<'a> {
 
 /// The destination of the files. A folder appears once all of them are in it.
 #[derive(Debug)]
-pub struct Output {
+pub struct ExportOutput {
     path: PathBuf,
     extension: &'static str,
     folder: Option<AtomicDir>,
 }
 
-impl Output {
+impl ExportOutput {
     /// Creates the destination for the single file `path`.
     ///
     /// # Errors
@@ -99,7 +99,7 @@ impl Output {
     /// Creates the destination `path`: a folder if there are `many` files.
     ///
     /// # Errors
-    /// As for [`Output::file`] and [`Output::folder`].
+    /// As for [`ExportOutput::file`] and [`ExportOutput::folder`].
     pub fn new(path: &Path, extension: &'static str, many: bool, needed: &[&Path]) -> Result<Self, RunError> {
         if many { Self::folder(path, extension, needed) } else { Self::file(path, extension, needed) }
     }
@@ -108,7 +108,7 @@ impl Output {
     /// `frames` if there are `many` files.
     ///
     /// # Errors
-    /// As for [`Output::file`] and [`Output::folder`], or if the folder cannot be created.
+    /// As for [`ExportOutput::file`] and [`ExportOutput::folder`], or if the folder cannot be created.
     pub fn within(
         folder: &Path,
         name: &str,
@@ -141,7 +141,7 @@ impl Output {
     ///
     /// # Errors
     /// If something else is there by now, or the file system reports an error.
-    pub fn finish(self, record: &Record<'_>, needed: &[&Path]) -> Result<(), RunError> {
+    pub fn finish(self, record: &ExportRecord<'_>, needed: &[&Path]) -> Result<(), RunError> {
         let Some(folder) = self.folder else { return Ok(()) };
         let json = serde_json::to_vec_pretty(record).map_err(RunError::failure)?;
         std::fs::write(folder.dir().join(RECORD), json)

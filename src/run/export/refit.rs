@@ -19,7 +19,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 use glam::DVec3;
 use serde::Serialize;
-use volseggs_kernels::Camera;
+use volseggs_kernels::PinholeCamera;
 use volseggs_kernels::photometric::{Distance, photometric_loss};
 use volseggs_kernels::sh::Bands;
 use volseggs_kernels::splat::splat;
@@ -138,7 +138,7 @@ pub(super) fn refit(
     let plain = shown.baked();
     let elsewhere = Rendering { sh_degree: plain.sh_degree(), ..in_3dgs(rendering) };
     let scene = shown.to_splat(device);
-    let target = |camera: &Camera| splat(scene.clone(), rendering.seen_by(*camera)).image;
+    let target = |camera: &PinholeCamera| splat(scene.clone(), rendering.seen_by(*camera)).image;
 
     // spheres of as many views would be the same
     let views = if *steps == MEASURED { steps + 1 } else { *steps };

@@ -10,7 +10,7 @@ use std::ops::RangeInclusive;
 /// Coordinates that the Gaussians of a file have.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Units {
+pub enum ExportUnits {
     /// Those of the scene, centred and scaled.
     #[default]
     Scene,
@@ -48,12 +48,12 @@ pub(super) fn to_physical(
 }
 
 /// Returns what a reader of a file must know of its coordinates and time, as lines of a name and a value.
-pub(super) fn comments(calibration: &Calibration, units: Units, time: f64) -> Vec<String> {
+pub(super) fn comments(calibration: &Calibration, units: ExportUnits, time: f64) -> Vec<String> {
     let mut lines = vec![format!(
         "coordinates {}",
         match units {
-            Units::Scene => "scene",
-            Units::Physical => "physical",
+            ExportUnits::Scene => "scene",
+            ExportUnits::Physical => "physical",
         }
     )];
     match &calibration.space {
@@ -104,7 +104,7 @@ mod tests {
         let time = PhysicalTime { start: 100.0, end: 200.0, unit: Some("s".into()) };
         let known = Calibration { space: Some(space(72.5)), time: Some(time) };
         assert_eq!(
-            comments(&known, Units::Scene, 0.25),
+            comments(&known, ExportUnits::Scene, 0.25),
             [
                 "coordinates scene",
                 "physical = centre + scale * scene",
@@ -117,11 +117,11 @@ mod tests {
             ]
         );
         assert_eq!(
-            comments(&Calibration::default(), Units::Scene, 0.5),
+            comments(&Calibration::default(), ExportUnits::Scene, 0.5),
             ["coordinates scene", "physical unknown", "time 0.5"]
         );
         let odd = PhysicalSpace { unit: Some("m\nend_header".into()), ..space(1.0) };
-        let lines = comments(&Calibration { space: Some(odd), time: None }, Units::Physical, 0.0);
+        let lines = comments(&Calibration { space: Some(odd), time: None }, ExportUnits::Physical, 0.0);
         assert!(lines.contains(&"length_unit m end_header".to_owned()), "{lines:?}");
     }
 }

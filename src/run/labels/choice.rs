@@ -1,11 +1,11 @@
 //! Which segments a label volume holds, and which of them each Gaussian belongs to.
 
-use crate::segment::segmentation::{Origin, Segmentation, SegmentationError};
+use crate::segment::segmentation::{SegmentOrigin, Segmentation, SegmentationError};
 
 /// Names of segments, labelled from 1 in this order, and the label of each Gaussian: 0 for none; above the number of
 /// names, one for each other segment without parts, as it occupies places too.
 #[derive(Debug, PartialEq)]
-pub(super) struct Choice {
+pub(super) struct LabelChoice {
     pub names: Vec<String>,
     pub labels: Vec<u32>,
 }
@@ -16,7 +16,7 @@ pub(super) struct Choice {
 ///
 /// # Errors
 /// If a name is unknown.
-pub(super) fn choose(all: &Segmentation, asked: &[String]) -> Result<Choice, SegmentationError> {
+pub(super) fn choose(all: &Segmentation, asked: &[String]) -> Result<LabelChoice, SegmentationError> {
     if !asked.is_empty() {
         let mut names: Vec<String> = Vec::new();
         for name in asked {
@@ -26,11 +26,11 @@ pub(super) fn choose(all: &Segmentation, asked: &[String]) -> Result<Choice, Seg
         }
         let mut labels = all.labels(&names)?;
         add_others(all, names.len() as u32, &mut labels)?;
-        return Ok(Choice { labels, names });
+        return Ok(LabelChoice { labels, names });
     }
     let (mut names, mut groups) = (Vec::new(), Vec::new());
     for name in all.leaves() {
-        let list = if all.get(&name)?.origin == Origin::Group { &mut groups } else { &mut names };
+        let list = if all.get(&name)?.origin == SegmentOrigin::Group { &mut groups } else { &mut names };
         list.push(name);
     }
     let mut labels = all.labels(&names)?;
@@ -44,14 +44,14 @@ pub(super) fn choose(all: &Segmentation, asked: &[String]) -> Result<Choice, Seg
             names.push(name);
         }
     }
-    Ok(Choice { names, labels })
+    Ok(LabelChoice { names, labels })
 }
 
 /// Gives each segment without parts a label above `last` on those of its Gaussians that have none.
 fn add_others(all: &Segmentation, last: u32, labels: &mut [u32]) -> Result<(), SegmentationError> {
     for (label, name) in (last + 1..).zip(all.leaves()) {
         let segment = all.get(&name)?;
-        if segment.origin != Origin::Group {
+        if segment.origin != SegmentOrigin::Group {
             for &i in &segment.members {
                 if labels[i as usize] == 0 {
                     labels[i as usize] = label;
@@ -68,7 +68,7 @@ mod tests {
     use crate::name::Name;
     use crate::segment::segmentation::Segment;
 
-    fn add(all: &mut Segmentation, name: &str, parent: Option<&str>, origin: Origin, members: &[u32]) {
+    fn add(all: &mut Segmentation, name: &str, parent: Option<&str>, origin: SegmentOrigin, members: &[u32]) {
         let name = Name::new(name).unwrap();
         let parent = parent.map(|p| Name::new(p).unwrap());
         let segment = Segment { name, parent, colour: [0.5; 3], time: 0.0, origin, members: members.to_vec() };
@@ -77,12 +77,12 @@ mod tests {
 
     fn example() -> Segmentation {
         let mut all = Segmentation::new(8, "scene".into());
-        add(&mut all, "red", None, Origin::Coarse, &[0, 1, 2, 3]);
-        add(&mut all, "both", None, Origin::Group, &[0, 1, 4]);
-        add(&mut all, "red.1", Some("red"), Origin::Fine { scale: 0.5 }, &[0, 1]);
-        add(&mut all, "red.2", Some("red"), Origin::Fine { scale: 0.5 }, &[2]);
-        add(&mut all, "blue", None, Origin::Coarse, &[4]);
-        add(&mut all, "wide", None, Origin::Group, &[0, 3, 4, 5]);
+        add(&mut all, "red", None, SegmentOrigin::Coarse, &[0, 1, 2, 3]);
+        add(&mut all, "both", None, SegmentOrigin::Group, &[0, 1, 4]);
+        add(&mut all, "red.1", Some("red"), SegmentOrigin::Fine { scale: 0.5 }, &[0, 1]);
+        add(&mut all, "red.2", Some("red"), SegmentOrigin::Fine { scale: 0.5 }, &[2]);
+        add(&mut all, "blue", None, SegmentOrigin::Coarse, &[4]);
+        add(&mut all, "wide", None, SegmentOrigin::Group, &[0, 3, 4, 5]);
         all
     }
 

@@ -4,13 +4,13 @@
 use super::super::{OpenRun, RunError};
 use crate::data::calibration::{AxisConvention, PhysicalSpace};
 use crate::data::{Aabb, Normalisation};
-use crate::memory::{Budget, product};
+use crate::memory::{MemoryBudget, product};
 use crate::model::HostGaussians;
 use crate::prepare::PrepareRecord;
 use crate::volume::formats;
 use crate::volume::grid::Grid;
-use crate::volume::placement::{Placement, published_side};
-use crate::volume::source::{Header, Physical, VOXELS};
+use crate::volume::placement::{VoxelPlacement, published_side};
+use crate::volume::source::{PhysicalMetadata, VOXELS, VolumeHeader};
 use glam::{DMat3, DQuat, DVec3};
 use std::path::Path;
 
@@ -80,19 +80,19 @@ impl LabelGrid {
     }
 
     /// The voxels of a placed grid.
-    fn placed(placement: &Placement, file: Grid, physical: Physical, is_source: bool) -> Self {
+    fn placed(placement: &VoxelPlacement, file: Grid, physical: PhysicalMetadata, is_source: bool) -> Self {
         let scene = over_box((-placement.half).to_array(), placement.half.to_array(), file.dims);
-        let Physical { axes, length_unit: unit, .. } = physical;
+        let PhysicalMetadata { axes, length_unit: unit, .. } = physical;
         Self { scene, file, axes, unit, is_source, turn: placement.turn() }
     }
 
     /// The voxels `file`, which are `grid` in the space of the scene.
-    fn within(space: &PhysicalSpace, file: Grid, grid: &Grid, physical: Physical) -> Self {
+    fn within(space: &PhysicalSpace, file: Grid, grid: &Grid, physical: PhysicalMetadata) -> Self {
         let turn = grid.directions.turn();
         let origin = DVec3::from_array(space.to_scene(grid.origin));
         let origin = turn.map_or(origin, |turn| turn.transpose() * origin);
         let scene = Grid::aligned(grid.dims, grid.spacing.map(|s| s / space.scale), origin.to_array());
-        let Physical { axes, length_unit: unit, .. } = physical;
+        let PhysicalMetadata { axes, length_unit: unit, .. } = physical;
         Self { scene, file, axes, unit, is_source: false, turn }
     }
 }
@@ -107,7 +107,7 @@ pub(in crate::run) fn check_memory(grid: &LabelGrid, like: Option<&Path>, bytes:
         Some(file) => format!("--like {} ({x} x {y} x {z} voxels)", file.display()),
         None => format!("--dims {x},{y},{z}"),
     };
-    Budget::now().check(what, product(&[x, y, z, bytes])).map_err(RunError::input)
+    MemoryBudget::now().check(what, product(&[x, y, z, bytes])).map_err(RunError::input)
 }
 
 /// Chooses the voxels: those of the file `like`; else those that the dataset at `data` was prepared from (`record`), or
@@ -152,24 +152,24 @@ pub(in crate::run) fn choose(
 }
 
 /// What the grid of a dataset is in.
-fn physical(record: &PrepareRecord) -> Physical {
+fn physical(record: &PrepareRecord) -> PhysicalMetadata {
     let space = record.calibration.space.as_ref();
-    Physical {
+    PhysicalMetadata {
         length_unit: space.and_then(|s| s.unit.clone()),
         axes: space.and_then(|s| s.axes),
-        ..Physical::default()
+        ..PhysicalMetadata::default()
     }
 }
 
 /// The voxels of a volume file: at their physical places if these are known of the file and of the dataset, otherwise
 /// over the box of the dataset's volume.
-fn alike(header: Header, record: Option<&PrepareRecord>, notes: &mut Vec<String>) -> Result<LabelGrid, String> {
-    let Header { grid: file, physical: stated, .. } = header;
+fn alike(header: VolumeHeader, record: Option<&PrepareRecord>, notes: &mut Vec<String>) -> Result<LabelGrid, String> {
+    let VolumeHeader { grid: file, physical: stated, .. } = header;
     if file.dims.iter().any(|n| *n < 2) {
         return Err(format!("{:?} voxels; at least 2 are needed along each axis", file.dims));
     }
     let Some(record) = record else {
-        return Ok(LabelGrid::placed(&Placement::new(&file, published_side()), file, stated, false));
+        return Ok(LabelGrid::placed(&VoxelPlacement::new(&file, published_side()), file, stated, false));
     };
     let source = record.grid();
     if let Some(space) = &record.calibration.space
@@ -208,7 +208,7 @@ fn alike(header: Header, record: Option<&PrepareRecord>, notes: &mut Vec<String>
         }
         return Ok(LabelGrid::within(space, file, &grid, stated));
     }
-    let placement = Placement::new(&file, record.side);
+    let placement = VoxelPlacement::new(&file, record.side);
     let half = placement.bounds().max.to_array();
     if (0..3).any(|a| (half[a] - record.half_size[a]).abs() > TOLERANCE * record.side) {
         return Err(format!(
@@ -248,7 +248,7 @@ fn prepared(record: &PrepareRecord, dims: Option<[usize; 3]>) -> LabelGrid {
         None => [DVec3::ZERO, DVec3::from_array(source.dims.map(|n| (n - 1) as f64))].map(|end| source.position(end)),
         Some(_) => [min, max].map(|corner| placement.centre + placement.scale * corner),
     };
-    let Physical { axes, length_unit: unit, .. } = physical(record);
+    let PhysicalMetadata { axes, length_unit: unit, .. } = physical(record);
     LabelGrid { scene, file: over_box(low.to_array(), high.to_array(), dims), axes, unit, is_source: false, turn: None }
 }
 

@@ -1,15 +1,15 @@
 //! Where the voxels of labels lie in the scene and in files, whatever the directions of their axes.
 
 use super::*;
-use crate::segment::place::{Cloud, Places, SHARE, scene_grid};
+use crate::segment::place::{Cloud, SHARE, SegmentPlaces, scene_grid};
 use crate::volume::directions::Directions;
 use crate::volume::grid::ScalarType;
 use AxisConvention::{LeftPosteriorSuperior as Lps, RightAnteriorSuperior as Ras};
 
 /// What `prepare` records of a grid.
 fn recorded(grid: Grid, axes: Option<AxisConvention>) -> PrepareRecord {
-    let placement = Placement::new(&grid, 1.5);
-    let stated = Physical { length_unit: Some("mm".into()), axes, time: None };
+    let placement = VoxelPlacement::new(&grid, 1.5);
+    let stated = PhysicalMetadata { length_unit: Some("mm".into()), axes, time: None };
     let json = serde_json::json!({
         "version": "", "source": "", "transfer_function": "", "span": [0, 1], "dims": grid.dims,
         "spacing": grid.spacing, "origin": grid.origin, "directions": grid.directions, "side": 1.5,
@@ -20,9 +20,9 @@ fn recorded(grid: Grid, axes: Option<AxisConvention>) -> PrepareRecord {
     serde_json::from_value(json).unwrap()
 }
 
-fn header(grid: Grid, axes: Option<AxisConvention>) -> Header {
-    let physical = Physical { axes, ..Physical::default() };
-    Header { grid, scalar: ScalarType::U8, steps: 1, physical, notes: Vec::new() }
+fn header(grid: Grid, axes: Option<AxisConvention>) -> VolumeHeader {
+    let physical = PhysicalMetadata { axes, ..PhysicalMetadata::default() };
+    VolumeHeader { grid, scalar: ScalarType::U8, steps: 1, physical, notes: Vec::new() }
 }
 
 const GRID: Grid = Grid::aligned([5, 9, 3], [1.0, 0.25, 4.0], [10.0, -3.0, 0.5]);
@@ -47,7 +47,7 @@ fn scene_point(labels: &LabelGrid, voxel: DVec3) -> DVec3 {
 #[test]
 fn voxels_lie_where_the_ray_caster_puts_them() {
     for grid in [vec![GRID], turned()].concat() {
-        let placement = Placement::new(&grid, 1.5);
+        let placement = VoxelPlacement::new(&grid, 1.5);
         let record = recorded(grid, Some(Ras));
         let source = prepared(&record, None);
         assert_eq!(
@@ -111,15 +111,17 @@ fn a_volume_of_the_same_space_gives_its_voxels_and_one_from_elsewhere_is_refused
     let part = Grid::aligned([9, 9, 3], [0.25, 0.125, 2.0], [11.0, -3.0, 0.5]);
     let (labels, notes) = like(part, Some(Ras)).unwrap();
     assert!(labels.file == part && !labels.is_source && notes[0].contains("% of the volume"), "{notes:?}");
-    let placement = Placement::new(&GRID, 1.5);
+    let placement = VoxelPlacement::new(&GRID, 1.5);
     let place = placement.to_voxel(scene_point(&labels, DVec3::new(8.0, 4.0, 1.0)));
     assert!((place - GRID.index(part.position(DVec3::new(8.0, 4.0, 1.0)))).length() < 1e-9);
     let far = Grid { origin: [1e3, 0.0, 0.0], ..GRID };
     assert!(like(far, None).unwrap_err().contains("outside"));
     // the other convention puts the same numbers elsewhere
     assert!(like(GRID, Some(Lps)).unwrap_err().contains("outside"));
-    let metres =
-        Header { physical: Physical { length_unit: Some("m".into()), ..Physical::default() }, ..header(GRID, None) };
+    let metres = VolumeHeader {
+        physical: PhysicalMetadata { length_unit: Some("m".into()), ..PhysicalMetadata::default() },
+        ..header(GRID, None)
+    };
     assert!(alike(metres, Some(&record), &mut Vec::new()).unwrap_err().contains("mm"));
     // files that say nothing of their place have the same box if they have the same proportions
     let plain =
@@ -154,7 +156,8 @@ fn gaussians_turn_with_the_voxels() {
     };
     let vote = |labels: &LabelGrid| {
         let (turned, opacity) = (labels.along(one.clone()), one.opacity());
-        let places = Places::new(Cloud::new(&one, &opacity, &[1]), &scene_grid([0.0; 3], [0.75; 3]), SHARE).unwrap();
+        let places =
+            SegmentPlaces::new(Cloud::new(&one, &opacity, &[1]), &scene_grid([0.0; 3], [0.75; 3]), SHARE).unwrap();
         let turned = Cloud::new(&turned, &opacity, &[1]);
         places.labels_on(turned, &labels.scene, |place| labels.in_scene(place)).unwrap()
     };

@@ -7,16 +7,16 @@ pub(super) mod grid;
 mod truth;
 
 pub use grid::LabelGrid;
-pub use truth::{Agreement, Score, Truth};
+pub use truth::{Agreement, LabelScore, LabelTruth};
 
 use super::selection::Selection;
 use super::{OpenRun, RunError};
 use crate::export::labels::NamedLabel;
 use crate::prepare::PrepareRecord;
-use crate::segment::place::{Cloud, Places, SHARE, scene_grid};
+use crate::segment::place::{Cloud, SHARE, SegmentPlaces, scene_grid};
 use crate::segment::segmentation::Segmentation;
 use crate::shell;
-use choice::Choice;
+use choice::LabelChoice;
 use std::path::PathBuf;
 
 /// Bytes per voxel: the votes, the labels, the truth to compare with, and what is written.
@@ -38,7 +38,7 @@ pub struct LabelPlan {
 }
 
 /// Labels of a run's segments, which can be computed at any time.
-pub struct Labels<'r> {
+pub struct RunLabels<'r> {
     run: &'r OpenRun,
     selection: Selection,
     share: f32,
@@ -56,7 +56,7 @@ pub struct Labels<'r> {
     pub notes: Vec<String>,
 }
 
-impl<'r> Labels<'r> {
+impl<'r> RunLabels<'r> {
     /// Chooses segments and voxels.
     ///
     /// # Errors
@@ -64,7 +64,7 @@ impl<'r> Labels<'r> {
     /// memory.
     pub fn new(run: &'r OpenRun, plan: &LabelPlan) -> Result<Self, RunError> {
         let all = run.segments()?;
-        let Choice { names, labels } = choice::choose(&all, &plan.segments).map_err(RunError::input)?;
+        let LabelChoice { names, labels } = choice::choose(&all, &plan.segments).map_err(RunError::input)?;
         if names.is_empty() {
             let (path, word) = (run.path.display(), shell::path(&run.path));
             return Err(RunError::input(format!("{path}: no segments yet; run `volseggs segment coarse {word}`")));
@@ -84,12 +84,12 @@ impl<'r> Labels<'r> {
     ///
     /// # Errors
     /// If an edit cannot be applied, or there are more labels than a volume can hold.
-    pub fn labels_at(&self, time: f64) -> Result<Labelled, RunError> {
+    pub fn labels_at(&self, time: f64) -> Result<VoxelLabels, RunError> {
         let at = self.selection.edited(&self.run.scene, time as f32)?.widened(self.run.widening());
         let (opacity, spec) = (at.opacity(), &self.run.scene.spec);
         let grid = scene_grid(spec.centre, spec.half_size);
         let cloud = Cloud::new(&at, &opacity, &self.labels);
-        let places = Places::new(cloud, &grid, self.share).map_err(RunError::input)?;
+        let places = SegmentPlaces::new(cloud, &grid, self.share).map_err(RunError::input)?;
         let turned = self.grid.along(at.clone());
         let turned = Cloud::new(&turned, &opacity, &self.labels);
         let in_scene = |place| self.grid.in_scene(place);
@@ -98,13 +98,13 @@ impl<'r> Labels<'r> {
         ids.iter_mut().filter(|id| usize::from(**id) > last).for_each(|id| *id = 0);
         let mut shares: Vec<Option<f64>> = places.shares().into_iter().skip(1).take(last).collect();
         shares.resize(last, None);
-        Ok(Labelled { ids, shares })
+        Ok(VoxelLabels { ids, shares })
     }
 }
 
 /// Labels of voxels at one time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Labelled {
+pub struct VoxelLabels {
     /// The label of each voxel `[z, y, x]`, x fastest; 0 is none.
     pub ids: Vec<u16>,
     /// For each label, the share of the segment's content whose Gaussians lie in its place, in [0, 1]; `None` if none

@@ -5,7 +5,7 @@ use super::super::RunError;
 use super::grid::LabelGrid;
 use crate::data::truth::SegmentFile;
 use crate::prepare::PrepareRecord;
-use crate::segment::dice::{Confusion, Match, mean_dice};
+use crate::segment::dice::{Confusion, LabelMatch, mean_dice};
 use crate::versioned;
 use crate::volume::series::{Series, SeriesOptions};
 use crate::volume::synthetic::Synthetic;
@@ -13,7 +13,7 @@ use serde::Serialize;
 use std::path::Path;
 
 /// Source of the true labels.
-pub enum Truth {
+pub enum LabelTruth {
     /// Label volumes.
     Files {
         /// The volumes.
@@ -35,12 +35,12 @@ pub struct Agreement {
     /// The same, where several segments together may match a true label.
     pub mean_dice_of_sets: Option<f64>,
     /// One entry per true label.
-    pub segments: Vec<Score>,
+    pub segments: Vec<LabelScore>,
 }
 
 /// A true label and the segments matched with it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Score {
+pub struct LabelScore {
     /// Name of the true label.
     pub truth: String,
     /// The segment matched with it in the assignment with the highest sum of Dice scores; `None` if all are taken.
@@ -57,7 +57,7 @@ pub struct Score {
     pub set_dice: f64,
 }
 
-impl Truth {
+impl LabelTruth {
     /// Opens the label volumes that `inputs` name, or the synthetic scene of that name, for comparison at `times`.
     /// `data` is the run's dataset.
     ///
@@ -156,11 +156,11 @@ impl Truth {
 
     /// Matches the true labels with the segments `names`, labelled from 1.
     pub fn agreement(&self, pairs: &Confusion, names: &[String]) -> Agreement {
-        let segments = |m: &Match| -> Vec<String> {
+        let segments = |m: &LabelMatch| -> Vec<String> {
             m.predicted.iter().filter_map(|p| names.get((*p as usize).checked_sub(1)?)).cloned().collect()
         };
         let (ones, sets) = (pairs.match_one_to_one(), pairs.match_sets());
-        let score = |(one, set): (&Match, &Match)| Score {
+        let score = |(one, set): (&LabelMatch, &LabelMatch)| LabelScore {
             truth: self.name(one.truth),
             segment: segments(one).pop(),
             dice: one.overlap.dice(),
@@ -223,7 +223,7 @@ mod tests {
             std::fs::write(root.join("prepare.json"), json.to_string()).unwrap();
         };
         let open_at =
-            |inputs: &[String], times: &[f64]| Truth::open(inputs, &grid, root, times).map_err(|e| e.to_string());
+            |inputs: &[String], times: &[f64]| LabelTruth::open(inputs, &grid, root, times).map_err(|e| e.to_string());
         let open = |inputs: &[String]| open_at(inputs, &[0.0]);
         assert!(open(&inputs).is_ok_and(|truth| truth.notes().len() == 1), "a gap, and an unknown number of steps");
         prepare(100);

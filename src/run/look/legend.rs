@@ -1,6 +1,6 @@
 //! What the colours of a picture stand for, in words and numbers, in the units of the data.
 
-use super::{Kind, Look};
+use super::{Look, LookKind};
 use crate::segment::palette::hex;
 use crate::track::velocity::Component;
 use schemars::JsonSchema;
@@ -39,26 +39,26 @@ impl Look {
         let speed = || (self.calibration.speed_scale(), self.calibration.speed_unit());
         let short = |factor: f64, v: f32| short(factor * f64::from(v));
         match &self.kind {
-            Kind::Colour => None,
-            Kind::Affinity(_) => {
+            LookKind::Colour => None,
+            LookKind::Affinity(_) => {
                 plain("affinity features: their first three principal components as red, green and blue".into())
             }
-            Kind::Depth { range: None, .. } => plain("depth: nothing is visible in any frame".into()),
-            Kind::Depth { range: Some([near, far]), palette } => {
+            LookKind::Depth { range: None, .. } => plain("depth: nothing is visible in any frame".into()),
+            LookKind::Depth { range: Some([near, far]), palette } => {
                 let [dark, light] = palette.ends();
                 let (factor, unit) = length();
                 let (low, high) = (short(factor, *near), short(factor, *far));
                 let legend = format!("depth ({unit}): {light} is {low} or nearer, {dark} {high} or farther");
                 scaled(legend, (factor, unit), [*near, *far], palette.scale(true))
             }
-            Kind::Velocity { scale: None, .. } => plain("velocity: nothing moves in any frame".into()),
-            Kind::Velocity { component: Component::Speed, scale: Some(full), palette } => {
+            LookKind::Velocity { scale: None, .. } => plain("velocity: nothing moves in any frame".into()),
+            LookKind::Velocity { component: Component::Speed, scale: Some(full), palette } => {
                 let [dark, light] = palette.ends();
                 let (factor, unit) = speed();
                 let legend = format!("speed ({unit}): {dark} is 0, {light} {} or more", short(factor, *full));
                 scaled(legend, (factor, unit), [0.0, *full], palette.scale(false))
             }
-            Kind::Velocity { component, scale: Some(full), palette } => {
+            LookKind::Velocity { component, scale: Some(full), palette } => {
                 let ([less, more], none) = (palette.ends(), palette.middle());
                 let (factor, unit) = speed();
                 let legend = format!(
@@ -68,7 +68,7 @@ impl Look {
                 );
                 scaled(legend, (factor, unit), [-full, *full], palette.scale(false))
             }
-            Kind::Segments(all) => {
+            LookKind::Segments(all) => {
                 let names = all.segments.iter().map(|s| format!("{} {}", s.name, hex(s.colour)));
                 plain(format!("segments: {}", names.collect::<Vec<_>>().join(", ")))
             }

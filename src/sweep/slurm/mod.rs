@@ -1,8 +1,8 @@
 //! A sweep on a cluster with Slurm: one job array whose tasks are workers on the sweep's folder.
 //!
-//! A [`Profile`] specifies what a task may use, [`script()`] writes the batch script, [`submit()`] passes the tasks to
-//! `sbatch`, [`queue()`] asks `squeue` for their state. The accounting database, which many sites lack, is not used.
-//! What a worker does, and which tasks there are, is decided elsewhere.
+//! A [`SlurmProfile`] specifies what a task may use, [`script()`] writes the batch script, [`submit()`] passes the
+//! tasks to `sbatch`, [`queue()`] asks `squeue` for their state. The accounting database, which many sites lack, is not
+//! used. What a worker does, and which tasks there are, is decided elsewhere.
 
 pub mod profile;
 pub mod queue;
@@ -16,9 +16,9 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-pub use profile::Profile;
+pub use profile::SlurmProfile;
 pub use queue::{TaskState, queue};
-pub use script::{Job, script};
+pub use script::{SlurmJob, script};
 pub use submit::{Submission, submissions, submit};
 
 use crate::log::jsonl::JsonlError;
@@ -128,18 +128,18 @@ fn io_at(path: &Path) -> impl Fn(io::Error) -> SlurmError + '_ {
 
 /// Finds and calls the programs of Slurm.
 #[derive(Debug, Clone)]
-pub struct Tools {
+pub struct SlurmTools {
     path: OsString,
 }
 
-impl Default for Tools {
+impl Default for SlurmTools {
     /// The folders of this process's `PATH`.
     fn default() -> Self {
         Self::new(&env::var_os("PATH").unwrap_or_default())
     }
 }
 
-impl Tools {
+impl SlurmTools {
     /// Looks in the folders of `path`, which has the form of the variable `PATH`.
     pub fn new(path: &OsStr) -> Self {
         Self { path: path.to_owned() }
@@ -202,11 +202,11 @@ mod tests {
     #[test]
     fn a_missing_program_says_what_to_do() {
         let dir = tempfile::tempdir().unwrap();
-        let tools = Tools::new(dir.path().as_os_str());
+        let tools = SlurmTools::new(dir.path().as_os_str());
         assert!(!tools.have("sbatch"));
         let text = tools.call("sbatch", &[]).unwrap_err().to_string();
         assert!(text.contains("sbatch") && text.contains("login node") && text.contains("--slurm"), "{text}");
-        assert!(!Tools::new(OsStr::new("")).have("sbatch"));
+        assert!(!SlurmTools::new(OsStr::new("")).have("sbatch"));
     }
 
     #[test]
@@ -214,7 +214,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         fake::program(dir.path(), "sinfo", "echo 'a: no' >&2; echo >&2; echo ' b' >&2; exit 3");
         fake::program(dir.path(), "sdiag", "exit 4");
-        let tools = Tools::new(&fake::path(dir.path()));
+        let tools = SlurmTools::new(&fake::path(dir.path()));
         assert_eq!(complaint(&tools.call("sinfo", &[]).unwrap()), "a: no; b");
         assert!(complaint(&tools.call("sdiag", &[]).unwrap()).contains('4'));
     }

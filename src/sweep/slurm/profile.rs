@@ -10,7 +10,7 @@ use crate::files::read_settings;
 /// What a task may use, and how the program is called on the nodes.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Profile {
+pub struct SlurmProfile {
     /// Partition (queue); the cluster's default if not given.
     pub partition: Option<String>,
     /// Account that is charged.
@@ -51,7 +51,7 @@ pub enum Gpus {
     Typed(String),
 }
 
-impl Profile {
+impl SlurmProfile {
     /// Reads and checks a profile.
     ///
     /// # Errors
@@ -62,10 +62,10 @@ impl Profile {
         Self::parse(path, &text)
     }
 
-    /// Like [`Profile::read`], with the text of the file; `path` is for messages.
+    /// Like [`SlurmProfile::read`], with the text of the file; `path` is for messages.
     ///
     /// # Errors
-    /// As [`Profile::read`].
+    /// As [`SlurmProfile::read`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, SlurmError> {
         let profile: Self = crate::nesting::check_toml(text)
             .map_err(serde::de::Error::custom)
@@ -195,13 +195,13 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn parse(text: &str) -> Result<Profile, SlurmError> {
-        Profile::parse(Path::new("a/slurm.toml"), text)
+    fn parse(text: &str) -> Result<SlurmProfile, SlurmError> {
+        SlurmProfile::parse(Path::new("a/slurm.toml"), text)
     }
 
     #[test]
     fn all_keys_are_optional_and_read() {
-        assert_eq!(parse("").unwrap(), Profile::default());
+        assert_eq!(parse("").unwrap(), SlurmProfile::default());
         let profile = parse(
             "partition='gpu'\naccount='a'\nqos='q'\ntime='1-00:00:00'\nmemory='8G'\ncpus=8\ngpus='a100:2'\n\
              constraint='[a|b]'\nmodules=['cuda/12']\nsetup=['source env.sh']\nparallel=50\ngrace=60\n\
@@ -247,7 +247,7 @@ mod tests {
 
     #[test]
     fn a_missing_file_is_named() {
-        let said = Profile::read(Path::new("/nowhere/p.toml")).unwrap_err().to_string();
+        let said = SlurmProfile::read(Path::new("/nowhere/p.toml")).unwrap_err().to_string();
         assert!(said.starts_with("/nowhere/p.toml: "), "{said}");
     }
 

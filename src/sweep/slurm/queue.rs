@@ -10,7 +10,7 @@ use std::path::Path;
 use super::profile::seconds;
 use super::submit::{Submission, submissions};
 use super::tasks::Tasks;
-use super::{SlurmError, Tools, complaint};
+use super::{SlurmError, SlurmTools, complaint};
 
 /// A task in the queue.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -36,13 +36,13 @@ impl TaskState {
 }
 
 /// Returns the tasks of the sweep in `dir` that are in the queue, by the number of their run in `plan` (its hash, as in
-/// [`super::Job`]), whichever plan they were submitted with. For a run that was submitted twice, the running submission
-/// is reported, or else the last one.
+/// [`super::SlurmJob`]), whichever plan they were submitted with. For a run that was submitted twice, the running
+/// submission is reported, or else the last one.
 ///
 /// # Errors
 /// [`SlurmError::Missing`] without `squeue`, [`SlurmError::Refused`] if it fails, errors of the list of jobs and of
 /// stored plans.
-pub fn queue(tools: &Tools, dir: &Path, plan: &str) -> Result<BTreeMap<usize, TaskState>, SlurmError> {
+pub fn queue(tools: &SlurmTools, dir: &Path, plan: &str) -> Result<BTreeMap<usize, TaskState>, SlurmError> {
     let submissions = submissions(dir)?;
     let mut tasks = Tasks::new(dir, plan, &submissions)?;
     let clusters: BTreeSet<Option<&str>> = submissions.iter().map(|s| s.cluster.as_deref()).collect();
@@ -63,7 +63,7 @@ pub fn queue(tools: &Tools, dir: &Path, plan: &str) -> Result<BTreeMap<usize, Ta
     Ok(out)
 }
 
-fn ask(tools: &Tools, cluster: Option<&str>, of_it: &[&Submission]) -> Result<String, SlurmError> {
+fn ask(tools: &SlurmTools, cluster: Option<&str>, of_it: &[&Submission]) -> Result<String, SlurmError> {
     let jobs: Vec<String> = of_it.iter().map(|s| s.job.to_string()).collect();
     let mut arguments: Vec<OsString> = vec![
         "--array".into(),
@@ -108,7 +108,7 @@ mod tests {
         fs::write(dir.path().join("slurm/jobs.jsonl"), list).unwrap();
         let bin = dir.path().join("bin");
         fake::program(&bin, "squeue", squeue);
-        queue(&Tools::new(&fake::path(&bin)), dir.path(), "")
+        queue(&SlurmTools::new(&fake::path(&bin)), dir.path(), "")
     }
 
     const TWO: &str = "{\"format\":1,\"plan\":\"\",\"job\":4,\"offset\":0,\"tasks\":[1,2,3],\"time\":1}\n\
@@ -173,7 +173,7 @@ mod tests {
              echo '4_0|RUNNING|0:05|x'",
         );
         let found = || {
-            let found = queue(&Tools::new(&fake::path(&bin)), dir.path(), "now").unwrap();
+            let found = queue(&SlurmTools::new(&fake::path(&bin)), dir.path(), "now").unwrap();
             found.into_iter().map(|(run, state)| (run, state.id)).collect::<Vec<_>>()
         };
         let at = |run: usize, id: &str| (run, id.to_owned());

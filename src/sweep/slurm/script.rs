@@ -8,7 +8,7 @@ use std::env;
 use std::fmt::Write;
 use std::path::{Path, PathBuf, absolute};
 
-use super::{Profile, SlurmError, io_at};
+use super::{SlurmError, SlurmProfile, io_at};
 use crate::shell::quote;
 
 /// Exit code of a worker that was stopped and can resume from its checkpoint (`EX_TEMPFAIL`).
@@ -16,7 +16,7 @@ pub const RESUMABLE: u8 = 75;
 
 /// What the script runs.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Job {
+pub struct SlurmJob {
     /// Name in the queue and of the script's file.
     pub name: String,
     /// The sweep's folder, absolute.
@@ -24,18 +24,18 @@ pub struct Job {
     /// Hash of the plan whose runs the tasks are; the newest plan if empty.
     pub plan: String,
     /// What a task may use.
-    pub profile: Profile,
+    pub profile: SlurmProfile,
     /// The program as shell text: the profile's `command`, or the quoted path of this program.
     pub command: String,
 }
 
-impl Job {
+impl SlurmJob {
     /// Makes a job for the sweep in `dir`, named after that folder.
     ///
     /// # Errors
     /// [`SlurmError::Folder`] for a path that Slurm cannot handle, [`SlurmError::Io`] if the working folder or the
     /// running program cannot be determined.
-    pub fn new(dir: &Path, profile: Profile) -> Result<Self, SlurmError> {
+    pub fn new(dir: &Path, profile: SlurmProfile) -> Result<Self, SlurmError> {
         let dir = absolute(dir).map_err(io_at(dir))?;
         let folder = |what| SlurmError::Folder { path: dir.clone(), what };
         let text = dir.to_str().ok_or_else(|| folder("characters that are not UTF-8"))?;
@@ -75,7 +75,7 @@ pub(super) fn folder(dir: &Path) -> PathBuf {
 }
 
 /// Returns the batch script of one job array.
-pub fn script(job: &Job) -> String {
+pub fn script(job: &SlurmJob) -> String {
     let profile = &job.profile;
     let mut out = String::new();
     // modules come from the login shell's start-up files
@@ -120,7 +120,7 @@ pub fn script(job: &Job) -> String {
     out
 }
 
-fn directives(job: &Job) -> Vec<(&'static str, String)> {
+fn directives(job: &SlurmJob) -> Vec<(&'static str, String)> {
     let profile = &job.profile;
     let log = job.folder().to_string_lossy().replace('%', "%%");
     let mut out = vec![

@@ -9,8 +9,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
-use super::script::{Job, folder, script};
-use super::{SlurmError, Tools, complaint, io_at};
+use super::script::{SlurmJob, folder, script};
+use super::{SlurmError, SlurmTools, complaint, io_at};
 use crate::files::write_atomic;
 use crate::log::jsonl::JsonlWriter;
 use crate::versioned::{self, Versioned};
@@ -42,7 +42,7 @@ pub struct Submission {
 /// # Errors
 /// [`SlurmError::Missing`] without `sbatch`, [`SlurmError::Refused`] if it refuses a job, [`SlurmError::Answer`] if its
 /// answer is no job number, [`SlurmError::NoArrays`], and errors of files.
-pub fn submit(tools: &Tools, job: &Job, tasks: &[usize]) -> Result<Vec<Submission>, SlurmError> {
+pub fn submit(tools: &SlurmTools, job: &SlurmJob, tasks: &[usize]) -> Result<Vec<Submission>, SlurmError> {
     if !tools.have("sbatch") {
         return Err(SlurmError::Missing { program: "sbatch".to_owned() });
     }
@@ -104,7 +104,7 @@ fn list_of(dir: &Path) -> PathBuf {
 }
 
 /// The cluster's limit, which array indices stay below.
-fn max_array_size(tools: &Tools) -> Result<usize, SlurmError> {
+fn max_array_size(tools: &SlurmTools) -> Result<usize, SlurmError> {
     let Ok(output) = tools.call("scontrol", &["show".into(), "config".into()]) else { return Ok(MAX_ARRAY_SIZE) };
     let text = String::from_utf8_lossy(&output.stdout);
     let value =
@@ -152,14 +152,14 @@ fn job_number(said: &str) -> Option<(u64, Option<String>)> {
 #[cfg(unix)]
 #[cfg(test)]
 mod tests {
-    use super::super::{Profile, fake};
+    use super::super::{SlurmProfile, fake};
     use super::*;
     use proptest::prelude::*;
 
     struct Stage {
         base: tempfile::TempDir,
-        tools: Tools,
-        job: Job,
+        tools: SlurmTools,
+        job: SlurmJob,
     }
 
     impl Stage {
@@ -181,8 +181,8 @@ mod tests {
         fake::program(&bin, "scontrol", size);
         let dir = base.path().join("my sweep");
         fs::create_dir(&dir).unwrap();
-        let job = Job::new(&dir, Profile::parse(Path::new("p"), profile).unwrap()).unwrap();
-        let tools = Tools::new(&fake::path(&bin));
+        let job = SlurmJob::new(&dir, SlurmProfile::parse(Path::new("p"), profile).unwrap()).unwrap();
+        let tools = SlurmTools::new(&fake::path(&bin));
         Stage { base, tools, job }
     }
 
@@ -247,8 +247,8 @@ mod tests {
     #[test]
     fn without_sbatch_nothing_is_written() {
         let dir = tempfile::tempdir().unwrap();
-        let job = Job::new(dir.path(), Profile::default()).unwrap();
-        let error = submit(&Tools::new(dir.path().as_os_str()), &job, &[0]).unwrap_err();
+        let job = SlurmJob::new(dir.path(), SlurmProfile::default()).unwrap();
+        let error = submit(&SlurmTools::new(dir.path().as_os_str()), &job, &[0]).unwrap_err();
         assert!(matches!(error, SlurmError::Missing { .. }), "{error}");
         assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 0);
     }

@@ -15,7 +15,7 @@ use crate::versioned;
 
 /// What is needed of a stored plan.
 #[derive(Default, Deserialize)]
-struct Stored {
+struct StoredPlan {
     runs: Vec<StoredRun>,
 }
 
@@ -76,6 +76,6 @@ fn stored(dir: &Path, hash: &str) -> Result<Vec<String>, SlurmError> {
         Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::InvalidData) => return Ok(Vec::new()),
         read => read.map_err(io_at(&path))?,
     };
-    let plan: Stored = versioned::from_json(&text).unwrap_or_default();
+    let plan: StoredPlan = versioned::from_json(&text).unwrap_or_default();
     Ok(plan.runs.into_iter().map(|run| run.key).collect())
 }

@@ -53,7 +53,7 @@ pub enum JobEnd {
 
 /// The state of a job, shared by two threads.
 #[derive(Debug)]
-pub struct Board {
+pub struct JobBoard {
     state: Mutex<JobState>,
     began: Instant,
     stop: AtomicBool,
@@ -61,7 +61,7 @@ pub struct Board {
     version: AtomicU64,
 }
 
-impl Board {
+impl JobBoard {
     /// Makes the board of a job that begins now.
     pub fn new(number: u64, title: String) -> Self {
         Self {
@@ -113,7 +113,7 @@ impl Board {
 /// What a job reports its progress to, and asks whether to go on.
 #[derive(Debug)]
 pub struct Reporter {
-    board: Arc<Board>,
+    board: Arc<JobBoard>,
     hub: Arc<Hub>,
     /// When the first of the current unit was begun.
     since: Instant,
@@ -124,7 +124,7 @@ pub struct Reporter {
 
 impl Reporter {
     /// Makes a reporter that writes to `board` and wakes the drawing thread.
-    pub fn new(board: Arc<Board>, hub: Arc<Hub>) -> Self {
+    pub fn new(board: Arc<JobBoard>, hub: Arc<Hub>) -> Self {
         Self { board, hub, since: Instant::now(), woke: Instant::now(), every: 1 }
     }
 
@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn a_long_training_keeps_few_losses_and_estimates_the_time_left() {
-        let board = Arc::new(Board::new(1, "training".into()));
+        let board = Arc::new(JobBoard::new(1, "training".into()));
         let mut reporter = Reporter::new(board.clone(), Arc::new(Hub::default()));
         assert!(reporter.report("views", 3, 3, None));
         for step in 1..=10_000 {

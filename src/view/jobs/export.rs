@@ -2,8 +2,8 @@
 
 use super::board::Reporter;
 use crate::export::exporters::{Exporter, LabelWriter};
-use crate::run::export::{Output, Record, SplatPlan, write_labels, write_splats};
-use crate::run::labels::{LabelPlan, Labels};
+use crate::run::export::{ExportOutput, ExportRecord, SplatPlan, write_labels, write_splats};
+use crate::run::labels::{LabelPlan, RunLabels};
 use crate::run::selection::Selection;
 use crate::run::{OpenRun, RunError};
 use std::path::Path;
@@ -51,13 +51,14 @@ impl Export<'_> {
         };
         let message = format!("{} Gaussians: {}", written.gaussians, output.path().display());
         let coordinates = Some(plan.units);
-        output.finish(&Record { refit_steps, coordinates, ..self.record(run, self.segments) }, &[])?;
+        output.finish(&ExportRecord { refit_steps, coordinates, ..self.record(run, self.segments) }, &[])?;
         Ok(Some(message))
     }
 
     fn labels(&self, run: &OpenRun, write: LabelWriter, report: &mut Reporter) -> Result<Option<String>, RunError> {
         let edited = self.edited;
-        let labels = Labels::new(run, &LabelPlan { segments: self.segments.to_vec(), edited, ..LabelPlan::default() })?;
+        let labels =
+            RunLabels::new(run, &LabelPlan { segments: self.segments.to_vec(), edited, ..LabelPlan::default() })?;
         let output = self.place(&run.paths().labels(), "labels")?;
         for (i, &time) in self.times.iter().enumerate() {
             write_labels(&output.paths_of(i).0, &labels, &labels.labels_at(time)?.ids, edited, write, None)?;
@@ -71,11 +72,11 @@ impl Export<'_> {
         Ok(Some(message))
     }
 
-    fn place(&self, folder: &Path, name: &str) -> Result<Output, RunError> {
-        Output::within(folder, name, self.format.extension, self.many, &[])
+    fn place(&self, folder: &Path, name: &str) -> Result<ExportOutput, RunError> {
+        ExportOutput::within(folder, name, self.format.extension, self.many, &[])
     }
 
-    fn record<'a>(&'a self, run: &'a OpenRun, segments: &'a [String]) -> Record<'a> {
-        Record::new(run, self.format.extension, self.times, self.edited, segments)
+    fn record<'a>(&'a self, run: &'a OpenRun, segments: &'a [String]) -> ExportRecord<'a> {
+        ExportRecord::new(run, self.format.extension, self.times, self.edited, segments)
     }
 }

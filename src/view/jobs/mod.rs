@@ -7,9 +7,9 @@ pub mod task;
 
 use super::background::guarded;
 use super::hub::Hub;
-use crate::files::{LOCK_PATIENCE, Work};
+use crate::files::{LOCK_PATIENCE, LockDuration};
 use crate::run::{OpenRun, RunError};
-use board::{Board, JobEnd, JobState, Reporter};
+use board::{JobBoard, JobEnd, JobState, Reporter};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -22,7 +22,7 @@ const PAUSE: Duration = Duration::from_millis(200);
 #[derive(Debug)]
 pub struct Jobs {
     hub: Arc<Hub>,
-    board: Option<Arc<Board>>,
+    board: Option<Arc<JobBoard>>,
     thread: Option<JoinHandle<()>>,
     number: u64,
     /// Version of the state that was sent last, and when.
@@ -46,7 +46,7 @@ impl Jobs {
         }
         self.join();
         let number = self.number + 1;
-        let board = Arc::new(Board::new(number, task.to_string()));
+        let board = Arc::new(JobBoard::new(number, task.to_string()));
         let mut report = Reporter::new(board.clone(), self.hub.clone());
         let (shared, hub) = (board.clone(), self.hub.clone());
         let work = move || {
@@ -116,6 +116,6 @@ impl Drop for Jobs {
 }
 
 fn carry_out(task: &Task, run: &OpenRun, report: &mut Reporter) -> Result<Option<String>, RunError> {
-    let _lock = run.lock(&format!("volseggs view: {task}"), Work::Long, LOCK_PATIENCE)?;
+    let _lock = run.lock(&format!("volseggs view: {task}"), LockDuration::Long, LOCK_PATIENCE)?;
     task.carry_out(run, report)
 }

@@ -6,7 +6,7 @@ use crate::config::types::segment::AffinityConfig;
 use crate::export::exporters::{self, Exporter};
 use crate::name::Name;
 use crate::run::cameras::check_lens;
-use crate::run::follow::{FollowRequest, SHEET, Stage as FollowStage, Times, follow};
+use crate::run::follow::{FollowProgress, FollowRequest, SHEET, TrackedTimes, follow};
 use crate::run::masks::{MaskPlan, MaskRequest, make};
 use crate::run::segments::{RunSegments, write_picture};
 use crate::run::split::{SplitOptions, sheet, split};
@@ -225,9 +225,9 @@ fn masks(
 fn fine(run: &OpenRun, steps: usize, report: &mut Reporter) -> Result<Option<String>, RunError> {
     let options = AffinityConfig { steps, ..run.config.segment.affinity.clone() };
     let trained = affinity::fit(run, &options, 0, |stage| match stage {
-        affinity::Stage::Read { done, all } => report.report("views", done, all, None),
-        affinity::Stage::Begins { .. } => report.report("steps", 0, steps, None),
-        affinity::Stage::Step { done, loss } => report.report("steps", done, steps, Some(loss)),
+        affinity::AffinityProgress::Read { done, all } => report.report("views", done, all, None),
+        affinity::AffinityProgress::Begins { .. } => report.report("steps", 0, steps, None),
+        affinity::AffinityProgress::Step { done, loss } => report.report("steps", done, steps, Some(loss)),
     })?;
     Ok(trained.map(|t| format!("the affinity field is trained, loss {:.4}: click to select", t.loss)))
 }
@@ -253,7 +253,7 @@ fn track(
     let full = run.record.surroundings;
     let width = full.lens.width.min(SHEET_CELL);
     let camera = full.sized(width).orbit(SHEET).swap_remove(0);
-    let times = Times::Even { from: 0.0, to: 1.0, frames };
+    let times = TrackedTimes::Even { from: 0.0, to: 1.0, frames };
     let asked = format!("{frames} times");
     let pictures = PictureOptions { keep: false, mask_alpha: MASK_ALPHA };
     let request = FollowRequest {
@@ -269,8 +269,8 @@ fn track(
     let mut done = [0, 0];
     let found = follow(run, &request, |stage| {
         let (k, unit) = match stage {
-            FollowStage::Followed => (0, "times tracked"),
-            FollowStage::Drawn => (1, "times drawn"),
+            FollowProgress::Followed => (0, "times tracked"),
+            FollowProgress::Drawn => (1, "times drawn"),
         };
         done[k] += 1;
         report.report(unit, done[k], frames, None)

@@ -104,7 +104,7 @@ export type Answer =
     type: "track";
   }
   /** Progress of the run's training. */
-  | Training & {
+  | TrainingStatus & {
     type: "training";
   }
   /** The legend of the colours. */
@@ -359,7 +359,7 @@ export type LevelKind =
   | "piece"
   /** They are the searched segment. */
   | "segment"
-  /** They are one object with the clicked part, whatever segments they are in, see [`Candidates::object`]. */
+  /** They are one object with the clicked part, whatever segments they are in, see [`ClickCandidates::object`]. */
   | "object";
 
 /** A level that a click can mean. */
@@ -844,7 +844,7 @@ export type TrackEvent = {
 };
 
 /** The training of a run. */
-export type Training = {
+export type TrainingStatus = {
   /** Total steps of the run. */
   all: number;
   /** Further progress of a training that goes on in this process. */

@@ -6,10 +6,10 @@ import { plot } from "./plot.js";
 import { attempt, hear } from "./socket.js";
 import { app, on } from "./state.js";
 import { count, duration } from "./units.js";
-/** @import { Progress, Training } from "./protocol" */
+/** @import { Progress, TrainingStatus } from "./protocol" */
 /** @import { Vec2 } from "./types" */
 
-/** @type {Training | null} */
+/** @type {TrainingStatus | null} */
 let training = null;
 
 /** Describes the scene that is shown. @param {number} gaussians @param {number | null} step */
@@ -34,7 +34,7 @@ function showLive({ pace, left, loss, pausing, paused, shown, gaussians }, befor
   if (before && paused !== before.paused) say(paused ? "The training is paused." : "");
 }
 
-/** @param {Training | null} [before] */
+/** @param {TrainingStatus | null} [before] */
 function show(before) {
   if (!training) return;
   const { status, steps, all, loss, train, test, live } = training;

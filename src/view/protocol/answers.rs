@@ -7,7 +7,7 @@ use crate::run::look::Legend;
 use crate::segment::levels::LevelKind;
 use crate::view::jobs::board::JobState;
 use crate::view::tracks::Track;
-use crate::view::training::Training;
+use crate::view::training::TrainingStatus;
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -101,7 +101,7 @@ pub enum Answer {
     /// How segments change over time.
     Track(Box<Track>),
     /// Progress of the run's training.
-    Training(Box<Training>),
+    Training(Box<TrainingStatus>),
     /// The legend of the colours.
     Legend {
         /// The legend; `None` where objects have their own colours.

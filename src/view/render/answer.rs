@@ -7,7 +7,7 @@ use crate::run::saved::{SavedView, command};
 use crate::run::segments::RunSegments;
 use crate::run::{OpenRun, RunError};
 use crate::view::background::ChangeRequest;
-use crate::view::client::Clicked;
+use crate::view::client::ClickResult;
 use crate::view::gizmo::Preview;
 use crate::view::hub::{ClientId, Outgoing};
 use crate::view::protocol::{Answer, Change, Codec, FrameInfo, FrameKind, Request};
@@ -94,7 +94,8 @@ impl Renderer {
             }
             Request::Commit { id: number, base, name } => {
                 let nothing = || (Some(number), "click on something first".to_owned());
-                let (selection, Clicked { hit, picked, time, .. }) = client.clicked().cloned().ok_or_else(nothing)?;
+                let (selection, ClickResult { hit, picked, time, .. }) =
+                    client.clicked().cloned().ok_or_else(nothing)?;
                 let request = ChangeRequest { client: id, id: number, base, selection: Some(selection) };
                 self.begin(request, move |run, segments| {
                     pick::commit(run, segments, &name, &hit, &picked, time).map(drop)

@@ -7,9 +7,9 @@ use crate::run::RunError;
 use crate::run::look::Look;
 use crate::view::client::Client;
 use crate::view::compare::{Compare, Side};
-use crate::view::encode::Picture;
+use crate::view::encode::OutgoingPicture;
 use crate::view::hub::{ClientId, Outgoing};
-use crate::view::pace::Next;
+use crate::view::pace::NextDrawing;
 use crate::view::protocol::{Answer, Codec, FrameInfo, FrameKind, View};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Instant;
@@ -28,8 +28,8 @@ impl Renderer {
             let Some(client) = self.clients.get(&id) else { continue };
             let Some(view) = client.view.clone().filter(|_| !client.failed) else { continue };
             match client.pace.next(now, (view.size[0] * view.size[1]) as usize) {
-                Next::Wait => {}
-                Next::WaitUntil(moment) => until = Some(until.map_or(moment, |u| u.min(moment))),
+                NextDrawing::Wait => {}
+                NextDrawing::WaitUntil(moment) => until = Some(until.map_or(moment, |u| u.min(moment))),
                 next => {
                     self.last = id;
                     self.draw(id, &view, next);
@@ -40,7 +40,7 @@ impl Renderer {
         until
     }
 
-    pub(super) fn draw(&mut self, id: ClientId, view: &View, next: Next) {
+    pub(super) fn draw(&mut self, id: ClientId, view: &View, next: NextDrawing) {
         let drawn = catch_unwind(AssertUnwindSafe(|| {
             let drawn = self.frame(id, view, next, Side::Picture)?;
             // sent first, so that a client that acknowledges the picture has received it too
@@ -68,7 +68,7 @@ impl Renderer {
     }
 
     /// Sends what the picture is compared with; returns the milliseconds that it took to draw.
-    fn beside(&mut self, id: ClientId, view: &View, next: Next) -> Result<f32, RunError> {
+    fn beside(&mut self, id: ClientId, view: &View, next: NextDrawing) -> Result<f32, RunError> {
         let Some(client) = self.clients.get_mut(&id) else { return Ok(0.0) };
         let Some(compare) = client.compare else { return Ok(0.0) };
         let sent = match (compare, compare.other(view, client.range())) {
@@ -77,7 +77,7 @@ impl Renderer {
                 let image = self.space.shown.run.test_image(number)?;
                 client.image = Some(number);
                 let info = self.info(FrameKind::Image, number as u32, view.time, 0.0);
-                Picture::new(info, image, None)
+                OutgoingPicture::new(info, image, None)
             }
             _ => return Ok(0.0),
         };
@@ -88,15 +88,15 @@ impl Renderer {
         Ok(ms)
     }
 
-    fn frame(&mut self, id: ClientId, view: &View, next: Next, side: Side) -> Result<Picture, RunError> {
+    fn frame(&mut self, id: ClientId, view: &View, next: NextDrawing, side: Side) -> Result<OutgoingPicture, RunError> {
         let space = match side.run() {
             Some(run) => &self.others.get(run).ok_or_else(|| RunError::failure("no such run"))?.space,
             None => &self.space,
         };
         let client = self.clients.get_mut(&id).ok_or_else(|| RunError::failure("the client left"))?;
         let (part, quality) = match next {
-            Next::Moving(part) => (part, Some(QUALITY[0])),
-            Next::Full => (1.0, Some(QUALITY[1])),
+            NextDrawing::Moving(part) => (part, Some(QUALITY[0])),
+            NextDrawing::Full => (1.0, Some(QUALITY[1])),
             _ => (1.0, None),
         };
         let started = Instant::now();
@@ -104,7 +104,7 @@ impl Renderer {
         let number = client.frame.wrapping_add(1);
         let kind = if side == Side::Picture { FrameKind::Picture } else { FrameKind::Other };
         let dragged = client.preview.is_some() && side == Side::Picture;
-        let (look, key) = client.look(space, view, side)?;
+        let (look, key) = client.look_of(space, view, side)?;
         let scene = &space.shown.run.scene;
         // colours depend on the scale too, which a look's first frame sets
         let whole = |look: &Look| look.settled().map(|scale| format!("{} {key} {scale}", view.time));
@@ -122,11 +122,11 @@ impl Renderer {
         };
         let key = whole(look).unwrap_or_else(|| format!("{} {key}", view.time));
         let prepared = client.highlighted(&key, prepared, side);
-        let (look, _) = client.look(space, view, side)?;
+        let (look, _) = client.look_of(space, view, side)?;
         let image = look.draw(scene, &prepared, camera.to_kernel());
         let rgb = to_rgb8(&image, camera.width as usize, camera.height as usize);
         let render_ms = 1e3 * started.elapsed().as_secs_f32();
-        Ok(Picture::new(self.info(kind, number, view.time, render_ms), rgb, quality))
+        Ok(OutgoingPicture::new(self.info(kind, number, view.time, render_ms), rgb, quality))
     }
 
     fn info(&self, kind: FrameKind, number: u32, time: f64, render_ms: f32) -> FrameInfo {
@@ -138,7 +138,7 @@ impl Renderer {
 
 /// Sends a picture, to be encoded on the way; or encodes it `here`, so that this counts as drawing, which is limited
 /// during training.
-fn send(client: &mut Client, picture: Picture, here: bool) {
+fn send(client: &mut Client, picture: OutgoingPicture, here: bool) {
     if !here {
         return client.send(Outgoing::Picture(Box::new(picture)));
     }

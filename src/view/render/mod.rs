@@ -8,15 +8,15 @@ use super::background::{BackgroundChanges, INTERNAL_ERROR};
 use super::cache::Cache;
 use super::client::Client;
 use super::compare::Side;
-use super::hub::{ClientId, Event, Hub};
+use super::hub::{ClientEvent, ClientId, Hub};
 use super::jobs::Jobs;
-use super::live::Wish;
-use super::others::Other;
-use super::pace::Next;
+use super::live::TrainerRequest;
+use super::others::ComparedRun;
+use super::pace::NextDrawing;
 use super::protocol::Answer;
-use super::share::Share;
+use super::share::ThreadShare;
 use super::tracks::Tracks;
-use super::training::Watch;
+use super::training::LogWatch;
 use super::workspace::Workspace;
 use crate::shell;
 use std::collections::BTreeMap;
@@ -38,7 +38,7 @@ type Refused = (Option<u32>, String);
 pub struct Renderer {
     space: Workspace,
     /// Runs that it is compared with.
-    others: Vec<Other>,
+    others: Vec<ComparedRun>,
     cache: Cache,
     clients: BTreeMap<ClientId, Client>,
     /// The client that was drawn for last.
@@ -46,12 +46,12 @@ pub struct Renderer {
     jobs: Jobs,
     tracks: Tracks,
     background: BackgroundChanges,
-    watch: Watch,
+    watch: LogWatch,
     /// What was announced to clients about the scene: its step, and whether there is an affinity field.
     announced: (Option<usize>, bool),
     hub: Arc<Hub>,
     /// The share of the machine that drawing may take during training in this process.
-    share: Option<Arc<Share>>,
+    share: Option<Arc<ThreadShare>>,
     /// Until when nothing is drawn.
     rests: Instant,
     /// When the scene of a training changed last.
@@ -63,7 +63,7 @@ pub struct Renderer {
 impl Renderer {
     /// Makes the thread's state, which draws `space` for the clients of `hub`, and beside it one of the `others` if
     /// they compare. Deformed Gaussians are cached, up to `cache` bytes for all together.
-    pub fn new(space: Workspace, others: Vec<Other>, cache: usize, hub: Arc<Hub>) -> Self {
+    pub fn new(space: Workspace, others: Vec<ComparedRun>, cache: usize, hub: Arc<Hub>) -> Self {
         let now = Instant::now();
         Self {
             others,
@@ -73,11 +73,11 @@ impl Renderer {
             jobs: Jobs::new(hub.clone()),
             tracks: Tracks::new(hub.clone()),
             background: BackgroundChanges::new(hub.clone()),
-            watch: Watch::default(),
+            watch: LogWatch::default(),
             announced: (space.shown.run.step(), space.shown.field.is_some()),
             hub,
             // without a thread of its own, drawing is not limited
-            share: space.live().and_then(|_| Share::new().ok()).map(Arc::new),
+            share: space.live().and_then(|_| ThreadShare::new().ok()).map(Arc::new),
             rests: now,
             changed: now,
             looked: now,
@@ -100,7 +100,7 @@ impl Renderer {
     }
 
     /// Does what there is to do; returns until when there is nothing else.
-    fn turn(&mut self, events: Vec<(ClientId, Event)>, share: Option<&Share>) -> Option<Instant> {
+    fn turn(&mut self, events: Vec<(ClientId, ClientEvent)>, share: Option<&ThreadShare>) -> Option<Instant> {
         let began = Instant::now();
         for (id, event) in events {
             self.handle(id, event);
@@ -134,9 +134,9 @@ impl Renderer {
         let all_shown = looking().all(|client| client.failed || client.pace.is_done());
         let long_ago = self.changed.elapsed() > MAX_AGE_MOVING && looking().any(|client| client.pace.keeps_up());
         live.wish(match looking().next() {
-            None => Wish::Nothing,
-            Some(_) if all_shown || long_ago => Wish::Now,
-            Some(_) => Wish::AtRest,
+            None => TrainerRequest::Nothing,
+            Some(_) if all_shown || long_ago => TrainerRequest::Now,
+            Some(_) => TrainerRequest::AtRest,
         });
     }
 
@@ -153,15 +153,15 @@ impl Renderer {
             self.tell_of_training(true);
             let views: Vec<_> = self.clients.iter().filter_map(|(id, c)| Some((*id, c.view.clone()?))).collect();
             for (id, view) in views {
-                self.draw(id, &view, Next::Lossless);
+                self.draw(id, &view, NextDrawing::Lossless);
             }
         }
         self.tell_all(&Answer::Ended { message });
     }
 
-    fn handle(&mut self, id: ClientId, event: Event) {
+    fn handle(&mut self, id: ClientId, event: ClientEvent) {
         match event {
-            Event::Connected(out) => {
+            ClientEvent::Connected(out) => {
                 let mut client = Client::new(out);
                 client.answer(self.welcome());
                 client.answer(Answer::Document(Box::new(self.space.document())));
@@ -173,11 +173,11 @@ impl Renderer {
                 }
                 self.clients.insert(id, client);
             }
-            Event::Disconnected => {
+            ClientEvent::Disconnected => {
                 self.tracks.forget(id);
                 self.clients.remove(&id);
             }
-            Event::Message(request) => {
+            ClientEvent::Message(request) => {
                 // the other clients go on, whatever goes wrong here
                 let answered = catch_unwind(AssertUnwindSafe(|| self.answer(id, *request)));
                 let answered = answered.unwrap_or_else(|_| Err((None, INTERNAL_ERROR.to_owned())));

@@ -3,11 +3,11 @@
 
 use super::Workspace;
 use crate::edit::Edit;
-use crate::files::{RunLock, Work};
-use crate::run::segments::{RunSegments, Towards};
+use crate::files::{LockDuration, RunLock};
+use crate::run::segments::{HistoryDirection, RunSegments};
 use crate::run::{OpenRun, RunError, edits};
 use crate::segment::segmentation::renamed;
-use crate::view::order::{Stack, Steps};
+use crate::view::order::{HistoryStack, StepCounts};
 use crate::view::protocol::Change;
 use crate::view::reading::stamps;
 use crate::view::refusal::ChangeError;
@@ -25,7 +25,7 @@ impl Workspace {
     /// If the document has another revision by now, or the change cannot be made; everything is then as before.
     pub fn change(&mut self, base: u64, change: &Change) -> Result<(), ChangeError> {
         let lock = self.begin(base, PATIENCE)?;
-        let towards = |undo: bool| if undo { Towards::Undo } else { Towards::Redo };
+        let towards = |undo: bool| if undo { HistoryDirection::Undo } else { HistoryDirection::Redo };
         let steps = self.steps();
         let mut segments = self.shown.segments.clone();
         let last;
@@ -81,13 +81,13 @@ impl Workspace {
         if self.newer.is_under_way() || self.unread().is_some() {
             return Err(ChangeError::Reading);
         }
-        let lock = self.shown.run.lock(COMMAND, Work::Short, patience)?;
+        let lock = self.shown.run.lock(COMMAND, LockDuration::Short, patience)?;
         self.check(base)?;
         Ok(lock)
     }
 
     /// Ends a change, before which there were these `steps`.
-    fn end(&mut self, lock: RunLock, steps: [Steps; 2], segments: Option<RunSegments>) -> Result<(), ChangeError> {
+    fn end(&mut self, lock: RunLock, steps: [StepCounts; 2], segments: Option<RunSegments>) -> Result<(), ChangeError> {
         let mut names = Vec::new();
         if let Some(mut segments) = segments {
             segments.save()?;
@@ -108,8 +108,8 @@ impl Workspace {
         let [segments, edits] = self.steps();
         let found = if undo { self.order.to_undo(segments, edits) } else { self.order.to_redo(segments, edits) };
         match found {
-            Some(Stack::Segments) => Ok(Change::Segments { undo }),
-            Some(Stack::Edits) => Ok(Change::Edits { undo }),
+            Some(HistoryStack::Segments) => Ok(Change::Segments { undo }),
+            Some(HistoryStack::Edits) => Ok(Change::Edits { undo }),
             None => Err(RunError::input(if undo { "nothing to undo" } else { "nothing to redo" })),
         }
     }

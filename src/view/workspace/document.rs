@@ -1,9 +1,9 @@
 //! What clients are told about the viewed run.
 
 use super::Workspace;
-use crate::edit::Total;
+use crate::edit::CombinedEdit;
 use crate::run::RunError;
-use crate::run::segments::Towards;
+use crate::run::segments::HistoryDirection;
 use crate::run::selection::Selection;
 use crate::segment::segmentation::Segment;
 use crate::view::protocol::{Document, SegmentRow};
@@ -27,7 +27,7 @@ impl Workspace {
     /// Returns what clients are told.
     pub fn document(&self) -> Document {
         let row = |(depth, s): (usize, &Segment)| {
-            let Total { rgb, opacity, hidden } = self.shown.edits.total(&s.name);
+            let CombinedEdit { rgb, opacity, hidden } = self.shown.edits.total(&s.name);
             let (name, gaussians) = (s.name.to_string(), s.members.len());
             SegmentRow { name, depth, colour: s.colour, gaussians, time: s.time, rgb, opacity, hidden }
         };
@@ -37,7 +37,7 @@ impl Workspace {
             renamed: self.renamed.clone(),
             segments: self.shown.segments.now().tree().into_iter().map(row).collect(),
             edits: self.shown.edits.operations.iter().map(|edit| edit.line(self.shown.run.calibration())).collect(),
-            segment_steps: [step(Towards::Undo), step(Towards::Redo)],
+            segment_steps: [step(HistoryDirection::Undo), step(HistoryDirection::Redo)],
             edit_steps: [!self.shown.edits.operations.is_empty(), !self.shown.edits.undone.is_empty()],
         }
     }

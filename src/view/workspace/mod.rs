@@ -6,10 +6,10 @@ mod document;
 pub use change::coarse;
 
 use super::live::Live;
-use super::order::{Order, Stack, Steps};
-use super::reading::{Newer, Read, Stamps, field, stamps};
+use super::order::{ChangeOrder, HistoryStack, StepCounts};
+use super::reading::{FileStamps, NewerCheckpoint, OpenedRun, field, stamps};
 use super::refusal::ChangeError;
-use crate::run::segments::{RunSegments, Towards};
+use crate::run::segments::{HistoryDirection, RunSegments};
 use crate::run::{OpenRun, RunError};
 use crate::segment::segmentation::renamed;
 use crate::train::checkpoint;
@@ -21,19 +21,19 @@ use std::sync::Arc;
 #[derive(Debug)]
 pub struct Workspace {
     /// The run with all that is shown of it, as it was read last or changed since.
-    pub shown: Read,
+    pub shown: OpenedRun,
     /// Whether newer checkpoints replace it: the run was opened, not one of its checkpoints.
     follows: bool,
     /// The newest checkpoint that was seen.
     newest: Option<PathBuf>,
-    newer: Newer,
+    newer: NewerCheckpoint,
     /// Why what was written since cannot be read, if so; what was read before is shown, and nothing can be changed.
     damage: Option<String>,
     revision: u64,
     /// Old and new names of segments that the last change renamed.
     renamed: Vec<[String; 2]>,
     /// The order in which segments and edits changed.
-    order: Order,
+    order: ChangeOrder,
     read_only: bool,
     /// The training of the run, if it goes on in this process.
     live: Option<Arc<Live>>,
@@ -46,22 +46,22 @@ impl Workspace {
     /// # Errors
     /// If the run or a file of it cannot be used.
     pub fn open(path: &Path, data: Option<&Path>, device: &Device, read_only: bool) -> Result<Self, RunError> {
-        let read = Read::new(path, data, device)?;
+        let read = OpenedRun::new(path, data, device)?;
         let newest = read.run.scene_path.parent().map(Path::to_owned);
         let follows = checkpoint::locate(path).0 == path;
         Ok(Self { newest, follows, ..Self::showing(read, read_only) })
     }
 
-    fn showing(shown: Read, read_only: bool) -> Self {
+    fn showing(shown: OpenedRun, read_only: bool) -> Self {
         Self {
             shown,
             follows: false,
             newest: None,
-            newer: Newer::default(),
+            newer: NewerCheckpoint::default(),
             damage: None,
             revision: 1,
             renamed: Vec::new(),
-            order: Order::default(),
+            order: ChangeOrder::default(),
             read_only,
             live: None,
         }
@@ -71,7 +71,7 @@ impl Workspace {
     /// segments and edits, whatever files say, as those would belong to another state of the scene.
     pub fn in_training(run: OpenRun, live: Arc<Live>, read_only: bool) -> Self {
         live.shows(run.step().unwrap_or_default(), run.scene.gaussians.count());
-        Self { live: Some(live), ..Self::showing(Read::scene_alone(run), read_only) }
+        Self { live: Some(live), ..Self::showing(OpenedRun::scene_alone(run), read_only) }
     }
 
     /// Returns a number that grows with every change of the scene, segments or edits.
@@ -176,11 +176,11 @@ impl Workspace {
     }
 
     /// Shows a newer checkpoint instead of the current one.
-    fn show(&mut self, read: Read) {
+    fn show(&mut self, read: OpenedRun) {
         self.newest = read.run.scene_path.parent().map(Path::to_owned);
         self.shown = read;
         // earlier changes belong to another state of the scene
-        (self.order, self.renamed, self.damage) = (Order::default(), Vec::new(), None);
+        (self.order, self.renamed, self.damage) = (ChangeOrder::default(), Vec::new(), None);
         self.revision += 1;
     }
 
@@ -206,21 +206,21 @@ impl Workspace {
     }
 
     /// Numbers of steps to undo and redo, of segments and edits.
-    fn steps(&self) -> [Steps; 2] {
+    fn steps(&self) -> [StepCounts; 2] {
         let of = |towards| self.shown.segments.steps(towards).len();
-        let segments = Steps { undo: of(Towards::Undo), redo: of(Towards::Redo) };
-        [segments, Steps { undo: self.shown.edits.operations.len(), redo: self.shown.edits.undone.len() }]
+        let segments = StepCounts { undo: of(HistoryDirection::Undo), redo: of(HistoryDirection::Redo) };
+        [segments, StepCounts { undo: self.shown.edits.operations.len(), redo: self.shown.edits.undone.len() }]
     }
 
     /// Records which of the two histories changed since they had these steps and the files had the stamps `before`; if
     /// both did, first the one whose file was written first.
-    fn note(&mut self, [segments, edits]: [Steps; 2], before: Stamps) {
+    fn note(&mut self, [segments, edits]: [StepCounts; 2], before: FileStamps) {
         let now = self.steps();
-        let mut changed = [(Stack::Segments, 0, segments, now[0]), (Stack::Edits, 1, edits, now[1])];
+        let mut changed = [(HistoryStack::Segments, 0, segments, now[0]), (HistoryStack::Edits, 1, edits, now[1])];
         changed.sort_by_key(|(_, file, ..)| self.shown.seen[*file]);
         for (stack, file, before_it, after_it) in changed {
             // edits that were only adapted to a new name have not changed
-            let only_names = stack == Stack::Edits && before_it == after_it;
+            let only_names = stack == HistoryStack::Edits && before_it == after_it;
             if self.shown.seen[file] != before[file] && !only_names {
                 self.order.record(stack, before_it, after_it);
             }

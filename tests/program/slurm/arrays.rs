@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
-use volseggs::sweep::slurm::{Job, Profile, queue, submissions, submit};
+use volseggs::sweep::slurm::{SlurmJob, SlurmProfile, queue, submissions, submit};
 
 /// One more than the largest array index; the cluster's own limit.
 const MAX_ARRAY_SIZE: usize = 2001;
@@ -46,7 +46,7 @@ fn arrays_run_stop_resume_and_are_cancelled() {
          setup = [\"export SETUP='done # well'\"]\nextra = ['--comment=\"a b # c\"']\ncommand = '{}'",
         worker.display()
     );
-    let job = Job::new(&sweep, Profile::parse(Path::new("profile"), &profile).unwrap()).unwrap();
+    let job = SlurmJob::new(&sweep, SlurmProfile::parse(Path::new("profile"), &profile).unwrap()).unwrap();
     let submitted = submit(&tools, &job, &[0, 1, 2, 2500]).unwrap();
     assert_eq!(submitted.iter().map(|s| s.offset).collect::<Vec<_>>(), [0, MAX_ARRAY_SIZE]);
     let log = |job: u64, index: usize| sweep.join(format!("slurm/{job}_{index}.log"));
@@ -76,7 +76,7 @@ fn arrays_run_stop_resume_and_are_cancelled() {
     assert_eq!(submissions(&sweep).unwrap().len(), 3);
 
     // a refusal by Slurm is reported
-    let bad = Profile { partition: Some("nowhere".to_owned()), ..job.profile.clone() };
-    let said = submit(&tools, &Job { profile: bad, ..job }, &[1]).unwrap_err().to_string();
+    let bad = SlurmProfile { partition: Some("nowhere".to_owned()), ..job.profile.clone() };
+    let said = submit(&tools, &SlurmJob { profile: bad, ..job }, &[1]).unwrap_err().to_string();
     assert!(said.contains("invalid partition") && said.contains("profile"), "{said}");
 }

@@ -7,7 +7,7 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
-use volseggs::sweep::slurm::Tools;
+use volseggs::sweep::slurm::SlurmTools;
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/support/slurm-cluster");
 
@@ -44,7 +44,7 @@ impl Cluster {
     }
 
     /// Returns Slurm's programs, bound to this cluster.
-    pub fn tools(&self) -> Tools {
+    pub fn tools(&self) -> SlurmTools {
         let bin = self.base.path().join("bin");
         let path = std::env::var_os("PATH").unwrap();
         for name in ["sbatch", "squeue", "scontrol", "scancel"] {
@@ -55,7 +55,7 @@ impl Cluster {
             executable(&bin.join(name), &text);
         }
         let both = std::iter::once(bin).chain(std::env::split_paths(&path));
-        Tools::new(&std::env::join_paths(both).unwrap())
+        SlurmTools::new(&std::env::join_paths(both).unwrap())
     }
 
     /// Runs a program of Slurm to its end; returns what it prints.

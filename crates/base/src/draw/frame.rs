@@ -12,13 +12,13 @@ const TINY: f64 = 1e-290;
 
 /// Range of an axis, in log10 where the axis is logarithmic.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Axis {
+pub(super) struct PlotAxis {
     low: f64,
     high: f64,
     log: bool,
 }
 
-impl Axis {
+impl PlotAxis {
     /// An axis around finite `values`, which are log10 of the plotted values if `log`.
     pub(super) fn of(values: impl Iterator<Item = f64>, log: bool) -> Self {
         let start = (f64::INFINITY, f64::NEG_INFINITY);
@@ -84,20 +84,20 @@ impl Axis {
 }
 
 /// Two axes and their position.
-pub(super) struct Frame {
-    x: Axis,
-    y: Axis,
+pub(super) struct PlotFrame {
+    x: PlotAxis,
+    y: PlotAxis,
     /// Left, right, top and bottom edges of the area of the curves.
     pub(super) area: [f64; 4],
     height: f64,
 }
 
-impl Frame {
+impl PlotFrame {
     /// Left edge of the area of the curves.
     pub(super) const LEFT: f64 = AREA[0];
 
     /// A frame whose area of the curves begins `lowered` further down than under a legend of one row.
-    pub(super) fn new(x: Axis, y: Axis, lowered: f64) -> Self {
+    pub(super) fn new(x: PlotAxis, y: PlotAxis, lowered: f64) -> Self {
         let [left, right, top, bottom] = AREA;
         Self { x, y, area: [left, right, top + lowered, bottom + lowered], height: HEIGHT + lowered }
     }
@@ -199,21 +199,23 @@ pub(super) mod tests {
     fn ranges_that_have_no_ticks_are_widened() {
         let ends = [vec![f64::MAX], vec![f64::MIN], vec![f64::MAX, f64::MIN]];
         for values in [vec![], vec![3.0], vec![0.0, 5e-324]].into_iter().chain(ends) {
-            for axis in [Axis::of(values.iter().copied(), false), Axis::of(values.iter().copied(), false).padded()] {
+            for axis in
+                [PlotAxis::of(values.iter().copied(), false), PlotAxis::of(values.iter().copied(), false).padded()]
+            {
                 let ticks = axis.ticks();
                 assert!(!ticks.is_empty() && ticks.iter().all(|tick| tick.is_finite()), "{axis:?}");
                 assert!(ticks.iter().filter(|tick| axis.label(**tick) == "0").count() <= 1, "{axis:?}");
                 assert!(values.iter().all(|v| (0.0..=1.0).contains(&axis.part(*v))), "{axis:?}");
             }
         }
-        assert_eq!(Axis::of([-1.0, 2.0].into_iter(), true).ticks().len(), 4);
+        assert_eq!(PlotAxis::of([-1.0, 2.0].into_iter(), true).ticks().len(), 4);
     }
 
     #[test]
     fn a_logarithmic_axis_goes_on_where_numbers_end() {
         // a lone value gets half a power of ten on either side, and rounding may leave slightly less than a whole one
         for (values, labels) in [([307.8, 308.7], ["1e308", "2.5e308"]), ([-324.0, -323.1], ["1e-324", "4.0e-324"])] {
-            let axis = Axis::of(values.into_iter(), true);
+            let axis = PlotAxis::of(values.into_iter(), true);
             let found: Vec<String> = axis.ticks().into_iter().map(|tick| axis.label(tick)).collect();
             assert!(labels.iter().all(|label| found.iter().any(|text| text == label)), "{found:?}");
             assert!(found.iter().all(|text| !text.contains("inf") && text != "0"), "{found:?}");

@@ -1,6 +1,6 @@
 //! Parallel coordinates as SVG text: each run is a line through its settings, coloured by its outcome.
 
-use super::frame::{Axis, WIDTH, begin_svg, escape, shortened, text};
+use super::frame::{PlotAxis, WIDTH, begin_svg, escape, shortened, text};
 use std::fmt::Write as _;
 
 const HEIGHT: f64 = 420.0;
@@ -53,12 +53,12 @@ pub struct ParallelLine {
 }
 
 /// An axis with its position.
-struct Placed {
+struct PlacedAxis {
     x: f64,
-    range: Axis,
+    range: PlotAxis,
 }
 
-impl Placed {
+impl PlacedAxis {
     fn to_y(&self, value: f64) -> f64 {
         SPAN[1] - self.range.part(value) * (SPAN[1] - SPAN[0])
     }
@@ -78,13 +78,13 @@ pub fn parallel_plot(title: &str, axes: &[ParallelAxis], lines: &[ParallelLine])
             Ticks::Names(names) => (value >= 0.0 && value < names.len() as f64).then_some(value),
         }
     };
-    let placed: Vec<Placed> = (0..axes.len())
+    let placed: Vec<PlacedAxis> = (0..axes.len())
         .map(|axis| {
             let range = match &axes[axis].ticks {
-                Ticks::Names(names) => Axis::of((0..names.len()).map(|i| i as f64), false),
-                ticks => Axis::of(lines.iter().filter_map(|l| value(l, axis)), *ticks == Ticks::Log),
+                Ticks::Names(names) => PlotAxis::of((0..names.len()).map(|i| i as f64), false),
+                ticks => PlotAxis::of(lines.iter().filter_map(|l| value(l, axis)), *ticks == Ticks::Log),
             };
-            Placed { x: SIDES[0] + apart * axis as f64, range }
+            PlacedAxis { x: SIDES[0] + apart * axis as f64, range }
         })
         .collect();
     let mut svg = begin_svg(width, HEIGHT, width / 2.0, title);
@@ -129,7 +129,7 @@ pub fn parallel_plot(title: &str, axes: &[ParallelAxis], lines: &[ParallelLine])
 
 /// The line of an axis and its ticks: on its left, with a white rim as curves pass below; those of the last axis are on
 /// its right, beyond the colour bar.
-fn draw_axis(axis: &ParallelAxis, at: &Placed, last: bool, apart: f64) -> String {
+fn draw_axis(axis: &ParallelAxis, at: &PlacedAxis, last: bool, apart: f64) -> String {
     let [top, bottom] = SPAN;
     let mut svg = format!("<path d=\"M{:.1} {top}V{bottom}\" stroke=\"#333\" fill=\"none\"/>\n", at.x);
     let room = if last { SIDES[1] - 24.0 } else { (apart - 14.0).min(SIDES[0] - 10.0) };

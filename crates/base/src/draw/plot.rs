@@ -1,6 +1,6 @@
 //! Small line plots as SVG text.
 
-use super::frame::{Axis, Frame, WIDTH, color, round, shortened, text};
+use super::frame::{PlotAxis, PlotFrame, WIDTH, color, round, shortened, text};
 use std::fmt::Write as _;
 
 /// Height of the first row of names, between the title and the curves, and distance between rows.
@@ -12,7 +12,7 @@ const DASHES: [&str; 3] = ["", " stroke-dasharray=\"8 5\"", " stroke-dasharray=\
 
 /// One curve. Points that are not finite break it.
 #[derive(Debug, Clone, Default)]
-pub struct Series {
+pub struct PlotSeries {
     /// Name in the legend.
     pub name: String,
     /// (x, y) in drawing order.
@@ -20,17 +20,17 @@ pub struct Series {
 }
 
 /// A line plot with linear axes. The legend names at most 12 curves.
-pub fn line_plot(title: &str, x_label: &str, y_label: &str, series: &[Series]) -> String {
+pub fn line_plot(title: &str, x_label: &str, y_label: &str, series: &[PlotSeries]) -> String {
     plot(title, x_label, y_label, series, false)
 }
 
 /// A line plot with a logarithmic y axis; values that are not above zero break the curve.
-pub fn line_plot_log_y(title: &str, x_label: &str, y_label: &str, series: &[Series]) -> String {
+pub fn line_plot_log_y(title: &str, x_label: &str, y_label: &str, series: &[PlotSeries]) -> String {
     plot(title, x_label, y_label, series, true)
 }
 
 /// An entry of the legend: a name, its curve, if it has one, and its position.
-struct Entry {
+struct LegendEntry {
     curve: Option<usize>,
     name: String,
     x: f64,
@@ -38,7 +38,7 @@ struct Entry {
 }
 
 /// Lays out the names from `left` on, in rows that fit the width of the picture.
-fn legend(series: &[Series], left: f64) -> Vec<Entry> {
+fn legend(series: &[PlotSeries], left: f64) -> Vec<LegendEntry> {
     let shown = if series.len() > MAX_NAMES { MAX_NAMES - 1 } else { series.len() };
     let names = series[..shown].iter().enumerate().map(|(index, s)| (Some(index), s.name.as_str()));
     let (mut x, mut row) = (left, 0);
@@ -49,22 +49,22 @@ fn legend(series: &[Series], left: f64) -> Vec<Entry> {
         if x + width > WIDTH - 8.0 && x > left {
             (x, row) = (left, row + 1);
         }
-        entries.push(Entry { curve, name, x, row });
+        entries.push(LegendEntry { curve, name, x, row });
         x += width + 20.0;
     }
     entries
 }
 
-fn plot(title: &str, x_label: &str, y_label: &str, series: &[Series], log: bool) -> String {
+fn plot(title: &str, x_label: &str, y_label: &str, series: &[PlotSeries], log: bool) -> String {
     let height = |y: f64| if log { y.log10() } else { y };
     let curves: Vec<Vec<(f64, f64)>> =
         series.iter().map(|s| s.points.iter().map(|(x, y)| (*x, height(*y))).collect()).collect();
     let drawn = |(x, y): &&(f64, f64)| x.is_finite() && y.is_finite();
     let points = || curves.iter().flatten().filter(drawn);
-    let x_axis = Axis::of(points().map(|p| p.0), false);
-    let y_axis = Axis::of(points().map(|p| p.1), log);
-    let names = legend(series, Frame::LEFT);
-    let frame = Frame::new(x_axis, y_axis, LEGEND.1 * names.last().map_or(0.0, |entry| entry.row as f64));
+    let x_axis = PlotAxis::of(points().map(|p| p.0), false);
+    let y_axis = PlotAxis::of(points().map(|p| p.1), log);
+    let names = legend(series, PlotFrame::LEFT);
+    let frame = PlotFrame::new(x_axis, y_axis, LEGEND.1 * names.last().map_or(0.0, |entry| entry.row as f64));
 
     let mut svg = frame.begin(title, x_label, y_label);
     let style = |index: usize| {
@@ -89,7 +89,7 @@ fn plot(title: &str, x_label: &str, y_label: &str, series: &[Series], log: bool)
         }
         svg += &format!("<path d=\"{path}\" {} stroke-linecap=\"round\"/>\n", style(index));
     }
-    for Entry { curve, name, x, row } in names {
+    for LegendEntry { curve, name, x, row } in names {
         let y = LEGEND.0 + LEGEND.1 * row as f64;
         if let Some(index) = curve {
             svg += &format!("<path d=\"M{x:.1} {y:.1}h22\" {}/>\n", style(index));
@@ -105,8 +105,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn series(points: &[(f64, f64)]) -> Series {
-        Series { name: "a<b & c".to_owned(), points: points.to_vec() }
+    fn series(points: &[(f64, f64)]) -> PlotSeries {
+        PlotSeries { name: "a<b & c".to_owned(), points: points.to_vec() }
     }
 
     #[test]
@@ -134,8 +134,8 @@ mod tests {
 
     #[test]
     fn many_names_wrap_and_the_rest_is_dots() {
-        let named = |count: usize| -> Vec<Series> {
-            (0..count).map(|i| Series { name: format!("variant-{i}"), points: vec![(i as f64, 1.0)] }).collect()
+        let named = |count: usize| -> Vec<PlotSeries> {
+            (0..count).map(|i| PlotSeries { name: format!("variant-{i}"), points: vec![(i as f64, 1.0)] }).collect()
         };
         let twelve = line_plot("", "", "", &named(12));
         assert!(twelve.contains(">variant-11<") && !twelve.contains(">...<"));
@@ -145,7 +145,7 @@ mod tests {
         assert!(entries.iter().all(|e| e.x + 28.0 + 7.0 * e.name.len() as f64 <= WIDTH));
         assert_eq!((entries[0].row, entries[11].row), (0, 2));
         assert!(twelve.contains("viewBox=\"0 0 640 434\"") && twelve.matches("stroke-dasharray").count() == 12);
-        let long = Series { name: "x".repeat(300), points: vec![] };
+        let long = PlotSeries { name: "x".repeat(300), points: vec![] };
         assert!(line_plot("", "", "", &[long]).contains("x…<"));
     }
 

@@ -1,6 +1,6 @@
 //! Scatter plots as SVG text: named points with whiskers, such as quality against cost.
 
-use super::frame::{Axis, Frame, color, round, shortened, text};
+use super::frame::{PlotAxis, PlotFrame, color, round, shortened, text};
 
 /// There is no legend, so the area begins this much higher.
 const TOP_OFFSET: f64 = -16.0;
@@ -13,7 +13,7 @@ const DISTANCES: [f64; 7] = [8.0, 13.0, 20.0, 30.0, 42.0, 56.0, 72.0];
 
 /// A point of a scatter plot. It is skipped if `x` or `y` is not finite.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Point {
+pub struct ScatterPoint {
     /// Its name, drawn beside it.
     pub name: String,
     /// Position along the horizontal axis.
@@ -29,11 +29,11 @@ pub struct Point {
 }
 
 /// A scatter plot with linear axes and a name beside each point; names keep clear of each other where there is room.
-pub fn scatter_plot(title: &str, x_label: &str, y_label: &str, points: &[Point]) -> String {
-    let points: Vec<&Point> = points.iter().filter(|p| p.x.is_finite() && p.y.is_finite()).collect();
+pub fn scatter_plot(title: &str, x_label: &str, y_label: &str, points: &[ScatterPoint]) -> String {
+    let points: Vec<&ScatterPoint> = points.iter().filter(|p| p.x.is_finite() && p.y.is_finite()).collect();
     let xs = points.iter().flat_map(|p| ends(p.x, p.x_error).into_iter().flatten().chain([p.x]));
     let ys = points.iter().flat_map(|p| ends(p.y, p.y_error).into_iter().flatten().chain([p.y]));
-    let frame = Frame::new(Axis::of(xs, false).padded(), Axis::of(ys, false).padded(), TOP_OFFSET);
+    let frame = PlotFrame::new(PlotAxis::of(xs, false).padded(), PlotAxis::of(ys, false).padded(), TOP_OFFSET);
     let mut svg = frame.begin(title, x_label, y_label);
     let mut taken = Vec::new();
     for point in &points {
@@ -144,13 +144,14 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn point(name: &str, x: f64, y: f64) -> Point {
-        Point { name: name.to_owned(), x, y, ..Point::default() }
+    fn point(name: &str, x: f64, y: f64) -> ScatterPoint {
+        ScatterPoint { name: name.to_owned(), x, y, ..ScatterPoint::default() }
     }
 
     #[test]
     fn points_names_and_whiskers_are_there() {
-        let with_error = Point { x_error: Some(0.5), y_error: Some(-1.0), group: 7, ..point("b & c", 2.0, 30.0) };
+        let with_error =
+            ScatterPoint { x_error: Some(0.5), y_error: Some(-1.0), group: 7, ..point("b & c", 2.0, 30.0) };
         let svg = scatter_plot("T", "min", "dB", &[point("a", 1.0, 20.0), with_error]);
         assert_eq!(svg.matches("<circle").count(), 2);
         assert!(svg.contains(">a</text>") && svg.contains(">b &amp; c</text>"));
@@ -175,7 +176,7 @@ mod tests {
     #[test]
     fn non_finite_points_are_skipped_and_no_points_still_give_axes() {
         assert!(scatter_plot("", "", "", &[]).contains("</svg>"));
-        let broken = Point { x_error: Some(f64::NAN), y_error: Some(f64::INFINITY), ..point("ok", 1.0, 1.0) };
+        let broken = ScatterPoint { x_error: Some(f64::NAN), y_error: Some(f64::INFINITY), ..point("ok", 1.0, 1.0) };
         let svg = scatter_plot("", "", "", &[point("no", f64::NAN, 1.0), broken]);
         assert!(svg.contains(">ok<") && !svg.contains(">no<") && !svg.contains("NaN"), "{svg}");
     }
@@ -185,9 +186,9 @@ mod tests {
         fn any_numbers_give_finite_coordinates(
             points in proptest::collection::vec((number(), number(), prop::option::of(number()), prop::option::of(number()), any::<usize>()), 0..6)
         ) {
-            let points: Vec<Point> = points
+            let points: Vec<ScatterPoint> = points
                 .into_iter()
-                .map(|(x, y, x_error, y_error, group)| Point { name: "p".to_owned(), x, y, x_error, y_error, group })
+                .map(|(x, y, x_error, y_error, group)| ScatterPoint { name: "p".to_owned(), x, y, x_error, y_error, group })
                 .collect();
             let svg = scatter_plot("", "", "", &points);
             prop_assert!(!svg.contains("NaN"), "{}", svg);

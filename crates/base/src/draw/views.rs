@@ -35,7 +35,7 @@ pub fn view_sheet(pictures: &[(String, RgbImage)], columns: usize, cell: u32) ->
 
 /// A picture of a [`pair_sheet`], with another one of the same size below it.
 #[derive(Clone, Debug, Default)]
-pub struct Pair {
+pub struct PicturePair {
     /// First line above it.
     pub name: String,
     /// Second line above it.
@@ -48,7 +48,7 @@ pub struct Pair {
 
 /// Lays out pairs in rows of `columns`, each no wider than `cell` pixels. As labels need room, small pictures are
 /// enlarged by an integer factor to at least half of that.
-pub fn pair_sheet(pairs: &[Pair], columns: usize, cell: u32) -> RgbImage {
+pub fn pair_sheet(pairs: &[PicturePair], columns: usize, cell: u32) -> RgbImage {
     let (columns, cell) = (columns.clamp(1, pairs.len().max(1)), cell.max(1));
     let (w, h) = pairs.first().map_or((1, 1), |p| (p.picture.width().max(1), p.picture.height().max(1)));
     let (cw, ch) = if w > cell {
@@ -98,7 +98,7 @@ mod tests {
     #[test]
     fn pairs_lie_one_over_the_other_under_two_lines() {
         let picture = |size: u32, shade: u8| RgbImage::from_pixel(size, size, Rgb([shade; 3]));
-        let pair = |size: u32| Pair {
+        let pair = |size: u32| PicturePair {
             name: "a name too long for the picture under it".to_owned(),
             note: "30 dB".to_owned(),
             picture: picture(size, 200),
@@ -108,7 +108,7 @@ mod tests {
             let cell = if size == 600 { 300 } else { 100 };
             let line = (GLYPH_HEIGHT + 3) * scale;
             let row = 2 * line + 2 * shown + 3 + 2 * MARGIN;
-            let sheet = pair_sheet(&[pair(size), Pair { below: None, ..pair(size) }, pair(size)], 2, cell);
+            let sheet = pair_sheet(&[pair(size), PicturePair { below: None, ..pair(size) }, pair(size)], 2, cell);
             assert_eq!(sheet.dimensions(), (MARGIN + 2 * (shown + MARGIN), MARGIN + 2 * row), "{size}");
             let top = MARGIN + 2 * line;
             assert_eq!(sheet.get_pixel(MARGIN, top).0, [200; 3]);
@@ -118,7 +118,7 @@ mod tests {
         }
         assert_eq!(pair_sheet(&[], 3, 100).height(), MARGIN);
         assert_eq!(fitting("", 0, 2), (String::new(), 2));
-        assert_eq!(pair_sheet(&[Pair::default()], 0, 0).width(), 2 * MARGIN + 1);
+        assert_eq!(pair_sheet(&[PicturePair::default()], 0, 0).width(), 2 * MARGIN + 1);
     }
 
     #[test]

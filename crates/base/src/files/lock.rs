@@ -30,7 +30,7 @@ const DEPTH: usize = 3;
 /// How long a writer will hold the lock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Work {
+pub enum LockDuration {
     /// Seconds, such as an edit: others wait for their turn.
     Short,
     /// Minutes or more, such as training: others are refused at once.
@@ -39,7 +39,7 @@ pub enum Work {
 
 /// Who holds a run, as recorded in the lock file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Holder {
+pub struct LockHolder {
     /// The user, as the system identifies the process: the number with the name, if that is known here.
     pub user: String,
     /// Name of the machine.
@@ -49,7 +49,7 @@ pub struct Holder {
     /// The command it runs.
     pub command: String,
     /// How long the work takes.
-    pub work: Work,
+    pub work: LockDuration,
     /// When it began, in seconds since 1970.
     pub since: u64,
 }
@@ -63,7 +63,7 @@ pub enum LockError {
         /// The run folder.
         run: PathBuf,
         /// Who holds the lock.
-        holder: Box<Holder>,
+        holder: Box<LockHolder>,
     },
     /// The run is somebody else's, or on a medium that cannot be written to.
     #[error(
@@ -106,7 +106,7 @@ impl RunLock {
     ///
     /// # Errors
     /// As [`RunLock::acquire_within`].
-    pub fn acquire(run: &Path, command: &str, work: Work) -> Result<Self, LockError> {
+    pub fn acquire(run: &Path, command: &str, work: LockDuration) -> Result<Self, LockError> {
         Self::acquire_within(LOCK_PATIENCE, run, command, work)
     }
 
@@ -117,7 +117,12 @@ impl RunLock {
     /// # Errors
     /// [`LockError::Held`] if another process has it, [`LockError::ReadOnly`] in a folder of somebody else,
     /// [`LockError::Io`] if the lock file cannot be used.
-    pub fn acquire_within(patience: Duration, run: &Path, command: &str, work: Work) -> Result<Self, LockError> {
+    pub fn acquire_within(
+        patience: Duration,
+        run: &Path,
+        command: &str,
+        work: LockDuration,
+    ) -> Result<Self, LockError> {
         let path = run.join(FILE);
         let io = |source| LockError::Io { path: path.clone(), source };
         let opening = |source: io::Error| match source.kind() {
@@ -131,7 +136,7 @@ impl RunLock {
         let started = Instant::now();
         // since when the file has not said who holds the lock
         let mut unsigned: Option<Instant> = None;
-        let mut last: Option<Holder> = None;
+        let mut last: Option<LockHolder> = None;
         loop {
             match file.try_lock() {
                 Ok(()) => break,
@@ -140,15 +145,15 @@ impl RunLock {
                 Err(TryLockError::Error(e)) if has_no_locks(&e) => break,
                 Err(TryLockError::Error(e)) => return Err(io(e)),
             }
-            let holder = Holder::read(&path);
+            let holder = LockHolder::read(&path);
             let give_up = match &holder {
                 // seen twice: what a killed process wrote stays until the next holder has signed the file
-                Some(now) if now.work == Work::Long && last.as_ref() == Some(now) => true,
+                Some(now) if now.work == LockDuration::Long && last.as_ref() == Some(now) => true,
                 Some(_) => started.elapsed() > patience,
                 None => unsigned.get_or_insert_with(Instant::now).elapsed() > MAX_UNSIGNED.min(patience),
             };
             if give_up {
-                let holder = Box::new(holder.unwrap_or_else(Holder::unknown));
+                let holder = Box::new(holder.unwrap_or_else(LockHolder::unknown));
                 return Err(LockError::Held { run: run.into(), holder });
             }
             if holder.is_some() {
@@ -157,7 +162,7 @@ impl RunLock {
             last = holder;
             std::thread::sleep(PAUSE);
         }
-        let text = serde_json::to_vec(&Holder::me(command, work)).map_err(|e| io(e.into()))?;
+        let text = serde_json::to_vec(&LockHolder::me(command, work)).map_err(|e| io(e.into()))?;
         let signed = file.seek(SeekFrom::Start(0)).and_then(|_| file.set_len(0)).and_then(|()| file.write_all(&text));
         signed.map_err(io)?;
         clean_below(run, DEPTH);
@@ -215,9 +220,9 @@ impl Drop for RunLock {
     }
 }
 
-impl Holder {
+impl LockHolder {
     /// This process.
-    fn me(command: &str, work: Work) -> Self {
+    fn me(command: &str, work: LockDuration) -> Self {
         let variable = |name: &str| std::env::var(name).ok().filter(|v| !v.is_empty());
         let host = crate::process::host_name().or_else(|| variable("HOSTNAME"));
         Self {
@@ -236,7 +241,7 @@ impl Holder {
             host: "this machine".into(),
             pid: 0,
             command: "volseggs".into(),
-            work: Work::Short,
+            work: LockDuration::Short,
             since: now(),
         }
     }
@@ -249,7 +254,7 @@ impl Holder {
     }
 }
 
-impl fmt::Display for Holder {
+impl fmt::Display for LockHolder {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { user, host, pid, command, .. } = self;
         let seconds = now().saturating_sub(self.since) as f64;
@@ -269,9 +274,9 @@ mod tests {
     #[test]
     fn long_work_refuses_others_and_names_its_holder_and_short_work_lets_them_wait() {
         let dir = tempfile::tempdir().unwrap();
-        let held = RunLock::acquire(dir.path(), "volseggs train", Work::Long).unwrap();
+        let held = RunLock::acquire(dir.path(), "volseggs train", LockDuration::Long).unwrap();
         let started = Instant::now();
-        let error = RunLock::acquire(dir.path(), "volseggs edit", Work::Short).unwrap_err().to_string();
+        let error = RunLock::acquire(dir.path(), "volseggs edit", LockDuration::Short).unwrap_err().to_string();
         assert!(error.contains("`volseggs train`, run by") && error.contains("process"), "{error}");
         #[cfg(target_os = "linux")]
         assert!(error.contains("uid "), "{error}");
@@ -283,7 +288,7 @@ mod tests {
         std::thread::scope(|s| {
             for _ in 0..8 {
                 s.spawn(|| {
-                    let _lock = RunLock::acquire(dir.path(), "volseggs edit", Work::Short).unwrap();
+                    let _lock = RunLock::acquire(dir.path(), "volseggs edit", LockDuration::Short).unwrap();
                     max_inside.fetch_max(inside.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
                     std::thread::sleep(Duration::from_millis(5));
                     inside.fetch_sub(1, Ordering::SeqCst);
@@ -296,9 +301,9 @@ mod tests {
     #[test]
     fn a_long_waiter_is_not_refused_while_the_lock_file_is_unsigned() {
         let dir = tempfile::tempdir().unwrap();
-        let held = RunLock::acquire(dir.path(), "volseggs edit", Work::Short).unwrap();
+        let held = RunLock::acquire(dir.path(), "volseggs edit", LockDuration::Short).unwrap();
         std::thread::scope(|s| {
-            let waiting = s.spawn(|| RunLock::acquire(dir.path(), "volseggs edit", Work::Short).map(drop));
+            let waiting = s.spawn(|| RunLock::acquire(dir.path(), "volseggs edit", LockDuration::Short).map(drop));
             std::thread::sleep(MAX_UNSIGNED + Duration::from_millis(300));
             // as between acquiring the lock and signing the file
             held._file.set_len(0).unwrap();
@@ -317,19 +322,19 @@ mod tests {
         for folder in [dir.path(), &pictures] {
             std::fs::write(folder.join(&left), "half").unwrap();
         }
-        RunLock::acquire(dir.path(), "volseggs edit", Work::Short).unwrap();
+        RunLock::acquire(dir.path(), "volseggs edit", LockDuration::Short).unwrap();
         assert!(!dir.path().join(&left).exists() && !pictures.join(&left).exists());
     }
 
     #[test]
     fn the_record_of_a_dead_process_blocks_nobody() {
         let dir = tempfile::tempdir().unwrap();
-        let text = serde_json::to_string(&Holder::me("volseggs train", Work::Long)).unwrap();
+        let text = serde_json::to_string(&LockHolder::me("volseggs train", LockDuration::Long)).unwrap();
         assert!(RunLock::is_held(dir.path()) == Some(false) && !dir.path().join(FILE).exists());
         std::fs::write(dir.path().join(FILE), text).unwrap();
         assert_eq!(RunLock::is_held(dir.path()), Some(false));
-        RunLock::acquire(dir.path(), "volseggs edit", Work::Short).unwrap();
+        RunLock::acquire(dir.path(), "volseggs edit", LockDuration::Short).unwrap();
         std::fs::write(dir.path().join(FILE), "garbage").unwrap();
-        RunLock::acquire(dir.path(), "volseggs edit", Work::Short).unwrap();
+        RunLock::acquire(dir.path(), "volseggs edit", LockDuration::Short).unwrap();
     }
 }

@@ -10,7 +10,7 @@ mod replace;
 mod run_paths;
 
 pub use atomic::{AtomicDir, AtomicFile, remove_whole, write_atomic, write_named};
-pub use lock::{Holder, LOCK_PATIENCE, LockError, RunLock, Work};
+pub use lock::{LOCK_PATIENCE, LockDuration, LockError, LockHolder, RunLock};
 pub use open::{NotText, decode_text, is_user_error, leads_out, open_regular, read_regular, read_settings, read_text};
 pub use replace::{FolderKind, MARK, ReplaceError, WriteError, check_file, has_mark, same_file};
 pub use run_paths::RunPaths;

@@ -1,6 +1,6 @@
 //! Opening files for reading: regular files only, as a pipe or a device would keep the program waiting forever.
 
-use crate::memory::Budget;
+use crate::memory::MemoryBudget;
 use std::fs::{File, FileType, Metadata, OpenOptions};
 use std::io::{self, ErrorKind, Read};
 use std::path::{Component, Path};
@@ -55,7 +55,7 @@ fn open_whole(path: &Path) -> io::Result<(File, u64)> {
     let len = file.metadata()?.len();
     if len > MAX_UNCHECKED {
         // read and then parsed, so it is in memory twice
-        let free = Budget::now().check("reading it", u128::from(len) * 2);
+        let free = MemoryBudget::now().check("reading it", u128::from(len) * 2);
         free.map_err(|e| io::Error::new(ErrorKind::InvalidInput, e))?;
     }
     Ok((file, len))

@@ -95,8 +95,8 @@ impl UserError for WriteError {
 }
 
 impl WriteError {
-    /// Returns a conversion to the error of a file.
-    pub fn at<E: Display>(path: &Path) -> impl Fn(E) -> Self {
+    /// Returns a conversion of the reason why `path` could not be written.
+    pub fn writing<E: Display>(path: &Path) -> impl Fn(E) -> Self {
         move |e| Self::File { path: path.to_owned(), reason: e.to_string() }
     }
 }

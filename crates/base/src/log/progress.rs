@@ -42,14 +42,14 @@ fn styled(length: usize, template: &str) -> ProgressBar {
 /// Progress as lines, for logs, where no bar can be drawn: the first after five seconds, then at twice the time of the
 /// last one, but at least every minute.
 #[derive(Debug)]
-pub struct Lines {
+pub struct ProgressLines {
     first: usize,
     total: usize,
     /// Seconds after which the next line is due.
     next: Mutex<f64>,
 }
 
-impl Lines {
+impl ProgressLines {
     /// Lines about `total` pieces of work, of which `first` were done before.
     pub fn new(first: usize, total: usize) -> Self {
         Self { first, total, next: Mutex::new(FIRST_LINE) }
@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn lines_come_soon_then_seldom_and_at_the_end() {
-        let lines = Lines::new(0, 1000);
+        let lines = ProgressLines::new(0, 1000);
         let due: Vec<u32> = (0..=240).filter(|s| lines.is_due(1, f64::from(*s))).collect();
         assert_eq!(due, [5, 10, 20, 40, 80, 140, 200]);
         assert!(lines.is_due(1000, 241.0));
@@ -90,7 +90,7 @@ mod tests {
 
     #[test]
     fn the_time_left_follows_from_what_this_process_did() {
-        let lines = Lines::new(500, 1000);
+        let lines = ProgressLines::new(500, 1000);
         let left = |done| lines.left(done, 10.0, f64::INFINITY);
         assert_eq!((left(500), left(600), left(1000)), (String::new(), ", 40 s left".to_owned(), String::new()));
         assert_eq!(lines.left(600, 10.0, 25.0), ", 25 s left");

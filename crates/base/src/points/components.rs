@@ -3,7 +3,7 @@
 
 use super::chunks::{finite, point};
 use super::error::{PointsError, check_len, check_positive, rows};
-use super::neighbours::{Grid, squared};
+use super::neighbours::{NeighbourGrid, squared};
 use super::union_find::UnionFind;
 use rayon::prelude::*;
 
@@ -78,8 +78,8 @@ fn check(points: &[f32], weights: &[f32]) -> Result<usize, PointsError> {
 }
 
 /// Points whose radii differ by less than a factor of two, in a grid fine enough that all points of a cell touch.
-struct Level {
-    grid: Grid,
+struct RadiusLevel {
+    grid: NeighbourGrid,
     largest: f64,
 }
 
@@ -109,12 +109,12 @@ fn join(
         let biggest = now.iter().map(|&i| reach[i as usize]).fold(0.0, f32::max);
         // slightly below 2 r / sqrt(3), so that rounding never separates two points of one cell
         let cell = f64::from(factor) * 2.0 * f64::from(smallest) / 3f64.sqrt() * 0.999_99;
-        let grid = Grid::of(points, &now, cell);
+        let grid = NeighbourGrid::of(points, &now, cell);
         if grid.clamped() {
             let extent = cell * f64::from(1u32 << 31);
             return Err(PointsError::Spread { extent, radius: f64::from(factor * smallest) });
         }
-        levels.push(Level { grid, largest: f64::from(biggest) });
+        levels.push(RadiusLevel { grid, largest: f64::from(biggest) });
     }
     let sets = UnionFind::new(radii.len());
     for (fine, level) in levels.iter().enumerate() {
@@ -128,7 +128,15 @@ fn join(
 }
 
 /// Joins the points of one cell with each other and with the cells of `other` they may touch.
-fn link_cell(level: &Level, cell: usize, other: &Level, same: bool, reach: &[f32], factor: f32, sets: &UnionFind) {
+fn link_cell(
+    level: &RadiusLevel,
+    cell: usize,
+    other: &RadiusLevel,
+    same: bool,
+    reach: &[f32],
+    factor: f32,
+    sets: &UnionFind,
+) {
     let slots = level.grid.slots(cell);
     let first = level.grid.id(slots.start);
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);

@@ -3,7 +3,7 @@
 
 /// A peak: its summit and the cells assigned to it so far.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Mode {
+pub struct DensityPeak {
     /// Its highest cell.
     pub summit: usize,
     /// Sum of the masses of its cells.
@@ -22,10 +22,10 @@ pub fn flood(
     cells: usize,
     mass: impl Fn(usize) -> f64,
     mut around: impl FnMut(usize, &mut Vec<usize>),
-    parted: impl Fn(&Mode, &Mode, usize) -> bool,
-) -> (Vec<usize>, Vec<Mode>) {
+    parted: impl Fn(&DensityPeak, &DensityPeak, usize) -> bool,
+) -> (Vec<usize>, Vec<DensityPeak>) {
     // peaks in the order of their summits; `part_of` of a merged one is the peak it was merged into
-    let (mut part_of, mut modes): (Vec<usize>, Vec<Mode>) = (Vec::new(), Vec::new());
+    let (mut part_of, mut modes): (Vec<usize>, Vec<DensityPeak>) = (Vec::new(), Vec::new());
     let mut of_cell = vec![usize::MAX; cells];
     let (mut near, mut met) = (Vec::new(), Vec::new());
     for &c in order {
@@ -38,7 +38,7 @@ pub fn flood(
         let Some(&top) = met.first() else {
             of_cell[c] = modes.len();
             part_of.push(modes.len());
-            modes.push(Mode { summit: c, mass: mass(c) });
+            modes.push(DensityPeak { summit: c, mass: mass(c) });
             continue;
         };
         of_cell[c] = top;
@@ -79,7 +79,7 @@ mod tests {
         let mut order: Vec<usize> = (0..heights.len()).filter(|&c| heights[c] > 0.0).collect();
         order.sort_by(|&a, &b| f64::total_cmp(&heights[b], &heights[a]));
         let around = |c: usize, near: &mut Vec<usize>| near.extend([c.saturating_sub(1), (c + 1).min(8)]);
-        let deep = |low: &Mode, _: &Mode, cell: usize| heights[cell] < 0.5 * heights[low.summit];
+        let deep = |low: &DensityPeak, _: &DensityPeak, cell: usize| heights[cell] < 0.5 * heights[low.summit];
         let (of_cell, modes) = flood(&order, 9, |_| 1.0, around, deep);
         assert_eq!(modes.iter().map(|h| (h.summit, h.mass)).collect::<Vec<_>>(), [(7, 5.0), (2, 3.0)]);
         assert_eq!(of_cell, [usize::MAX, 1, 1, 1, 0, 0, 0, 0, 0]);

@@ -97,8 +97,8 @@ pub fn kmeans_while(
             return Err(PointsError::Setting { field, value: "0".into(), want: "at least 1" });
         }
     }
-    let data = Data::gather(points, dimensions, weights);
-    let mut best: Option<Fit> = None;
+    let data = KMeansPoints::gather(points, dimensions, weights);
+    let mut best: Option<KMeansFit> = None;
     for _ in 0..config.restarts {
         let fit = data.fit(config, uniform, goes_on)?;
         if best.as_ref().is_none_or(|b| fit.distortion < b.distortion) {
@@ -115,7 +115,7 @@ fn check(goes_on: &dyn Fn() -> bool) -> Result<(), PointsError> {
 }
 
 /// The usable points, packed.
-struct Data {
+struct KMeansPoints {
     dimensions: usize,
     points: Vec<f32>,
     weights: Vec<f32>,
@@ -124,7 +124,7 @@ struct Data {
 
 /// The result of one seeding: centroids, labels from 0, cluster weights.
 #[derive(Default)]
-struct Fit {
+struct KMeansFit {
     centroids: Vec<f32>,
     labels: Vec<u32>,
     weights: Vec<f64>,
@@ -140,7 +140,7 @@ struct Pass {
     farthest: (f64, usize),
 }
 
-impl Data {
+impl KMeansPoints {
     fn gather(points: &[f32], dimensions: usize, weights: &[f32]) -> Self {
         let mut data = Self { dimensions, points: Vec::new(), weights: Vec::new(), rows: Vec::new() };
         for (i, row) in points.chunks_exact(dimensions).enumerate() {
@@ -166,7 +166,7 @@ impl Data {
         config: &KMeansConfig,
         uniform: &mut impl FnMut() -> f32,
         goes_on: &dyn Fn() -> bool,
-    ) -> Result<Fit, PointsError> {
+    ) -> Result<KMeansFit, PointsError> {
         let mut centroids = self.seed(config.clusters, uniform, goes_on)?;
         let mut labels = vec![u32::MAX; self.rows.len()];
         let mut before = f64::INFINITY;
@@ -189,7 +189,7 @@ impl Data {
             before = pass.distortion;
         }
         let pass = self.pass(&centroids, &mut labels);
-        Ok(Fit { centroids, labels, weights: pass.weights, distortion: pass.distortion })
+        Ok(KMeansFit { centroids, labels, weights: pass.weights, distortion: pass.distortion })
     }
 
     /// k-means++ seeding; returns fewer centroids where the points hold fewer distinct positions.
@@ -269,7 +269,7 @@ impl Data {
     }
 
     /// Drops empty clusters and sorts the rest by weight.
-    fn finish(&self, fit: Fit, count: usize) -> KMeans {
+    fn finish(&self, fit: KMeansFit, count: usize) -> KMeans {
         let d = self.dimensions;
         let mut order: Vec<usize> = (0..fit.weights.len()).filter(|&k| fit.weights[k] > 0.0).collect();
         let centre = |k: usize| &fit.centroids[k * d..(k + 1) * d];

@@ -85,7 +85,7 @@ fn fewer_places_than_clusters_give_fewer_clusters() {
 
 #[test]
 fn an_emptied_cluster_moves_to_the_farthest_point() {
-    let data = Data::gather(&[0.0, 1.0, 2.0, 50.0], 1, &[]);
+    let data = KMeansPoints::gather(&[0.0, 1.0, 2.0, 50.0], 1, &[]);
     let mut labels = vec![u32::MAX; 4];
     let pass = data.pass(&[1.0, 1000.0], &mut labels);
     assert_eq!((pass.weights[1], pass.farthest.1), (0.0, 3));

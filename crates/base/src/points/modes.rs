@@ -2,7 +2,7 @@
 //! k-means this finds groups of very unequal size, and their number. What the points stand for lives elsewhere.
 
 use super::error::{PointsError, check_len, check_positive, rows};
-use super::flood::{Mode, flood};
+use super::flood::{DensityPeak, flood};
 
 /// Cells of the density along one side of the plane.
 const SIDE: usize = 72;
@@ -85,7 +85,7 @@ fn of_density(
             near.extend((x.saturating_sub(1)..=(x + 1).min(SIDE - 1)).map(|i| j * SIDE + i));
         }
     };
-    let parted = |low: &Mode, top: &Mode, c: usize| {
+    let parted = |low: &DensityPeak, top: &DensityPeak, c: usize| {
         density[c] <= pass(low.summit, top.summit) * density[low.summit] && low.mass >= min_mass
     };
     let (of_cell, modes) = flood(&order, density.len(), |c| masses[c], around, parted);

@@ -3,7 +3,7 @@
 use super::PointsError;
 use super::chunks::{map_chunks, point};
 use super::nearest_rows::NearestRows;
-use super::neighbours::Grid;
+use super::neighbours::NeighbourGrid;
 
 /// Returns, for each of M points, the indices of the `k` others that stay nearest to it, `[M, k]`. `times` holds the
 /// points at each time, `[M, 3]`. Of those among a point's `k` nearest at any time, these are the ones with the smallest
@@ -17,7 +17,7 @@ use super::neighbours::Grid;
 /// # Panics
 /// If the times have different numbers of points.
 pub fn nearest_over_time(times: &[&[f32]], k: usize) -> Result<NearestRows, PointsError> {
-    let found = times.iter().map(|points| Ok(Grid::adaptive(points)?.nearest_of_each(k)));
+    let found = times.iter().map(|points| Ok(NeighbourGrid::adaptive(points)?.nearest_of_each(k)));
     let mut found: Vec<NearestRows> = found.collect::<Result<_, PointsError>>()?;
     let count = times.first().map_or(0, |points| points.len() / 3);
     assert!(times.iter().all(|points| points.len() == 3 * count), "times: the same number of points at each");
@@ -58,7 +58,7 @@ mod tests {
     #[test]
     fn at_one_time_the_nearest_and_of_unmoving_points_as_well() {
         let points = cloud(200, 1);
-        let once = Grid::adaptive(&points).unwrap().nearest_of_each(5);
+        let once = NeighbourGrid::adaptive(&points).unwrap().nearest_of_each(5);
         assert_eq!(nearest_over_time(&[&points], 5).unwrap(), once);
         assert_eq!(nearest_over_time(&[&points, &points, &points], 5).unwrap(), once);
         assert_eq!(nearest_over_time(&[], 5).unwrap().rows().count(), 0);
@@ -71,7 +71,7 @@ mod tests {
         let line = |y: f32| (0..20).flat_map(|i| [0.1 * i as f32, y, 0.0]).collect::<Vec<f32>>();
         let times = [-2.0, 0.01, 2.0].map(|y| [line(0.0), line(y)].concat());
         let slices: Vec<&[f32]> = times.iter().map(Vec::as_slice).collect();
-        let crossing = Grid::adaptive(&times[1]).unwrap().nearest_of_each(3);
+        let crossing = NeighbourGrid::adaptive(&times[1]).unwrap().nearest_of_each(3);
         assert!((0..20).all(|i| crossing.row(i)[0] as usize == i + 20), "what passes by is the nearest while it does");
         for (i, row) in nearest_over_time(&slices, 3).unwrap().rows().enumerate() {
             assert!(row.iter().all(|&k| (k < 20) == (i < 20)), "{i}: {row:?}");

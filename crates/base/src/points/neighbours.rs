@@ -10,15 +10,15 @@ use std::ops::Range;
 /// Maximum number of cells along one axis; points beyond share the outermost cell (slower, still correct).
 const MAX_CELLS: f64 = (1u32 << 31) as f64;
 
-/// Number of cells along one axis from which [`Grid::adaptive`] makes them no smaller, below [`MAX_CELLS`] even after
-/// one more step. With few, a single point far away would leave all others in one cell.
+/// Number of cells along one axis from which [`NeighbourGrid::adaptive`] makes them no smaller, below [`MAX_CELLS`]
+/// even after one more step. With few, a single point far away would leave all others in one cell.
 const MOST_CELLS: f64 = 5e8;
 
 /// A grid of cubic cells over points `[M, 3]`; non-finite points are skipped.
 ///
 /// Points are sorted by cell with x running fastest, so the cells of one row that a query covers form one slice.
 #[derive(Debug, Clone)]
-pub struct Grid {
+pub struct NeighbourGrid {
     count: usize,
     cell: f64,
     low: [f64; 3],
@@ -35,7 +35,7 @@ pub struct Grid {
     row_starts: Vec<u32>,
 }
 
-impl Grid {
+impl NeighbourGrid {
     /// Sorts `points` `[M, 3]` into cells of side `cell` (scene units; ideally about the radius of the later queries).
     ///
     /// # Errors

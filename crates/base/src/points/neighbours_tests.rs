@@ -32,7 +32,7 @@ proptest! {
     ) {
         let points = cloud(count, seed, seed % 2 == 0);
         let query = [points[points.len() - 3] + 0.01, 0.3, -0.2];
-        for grid in [Grid::new(&points, cell).unwrap(), Grid::adaptive(&points).unwrap()] {
+        for grid in [NeighbourGrid::new(&points, cell).unwrap(), NeighbourGrid::adaptive(&points).unwrap()] {
             let mut seen = Vec::new();
             grid.visit(query, radius, |id, d| { seen.push((id, d)); true });
             seen.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
@@ -55,14 +55,14 @@ proptest! {
         // coordinates on a binary lattice, so that rounding changes no distance after a shift
         let points: Vec<f32> = cloud(150, seed, false).iter().map(|v| (v * 64.0).round() / 64.0).collect();
         let moved: Vec<f32> = points.iter().map(|v| v + shift as f32).collect();
-        let count = |p: &[f32]| Grid::new(p, 0.3).unwrap().count_within(0.3, u32::MAX);
+        let count = |p: &[f32]| NeighbourGrid::new(p, 0.3).unwrap().count_within(0.3, u32::MAX);
         prop_assert_eq!(count(&points), count(&moved));
     }
 }
 
 #[test]
 fn counts_exclude_the_point_itself_and_stop_at_the_cap() {
-    let grid = Grid::new(&[0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 1.0, 0.0, 0.0, f32::NAN, 0.0, 0.0], 0.5).unwrap();
+    let grid = NeighbourGrid::new(&[0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 1.0, 0.0, 0.0, f32::NAN, 0.0, 0.0], 0.5).unwrap();
     assert_eq!(grid.count_within(0.5, 99), [1, 2, 1, 0]);
     assert_eq!(grid.count_within(0.5, 1), [1, 1, 1, 0]);
     assert_eq!(&grid.nearest_distances()[..3], [0.5; 3]);
@@ -73,14 +73,14 @@ fn counts_exclude_the_point_itself_and_stop_at_the_cap() {
 fn a_point_far_away_does_not_leave_all_others_in_one_cell() {
     let mut points = cloud(2000, 3, false);
     points.extend([0.0, 3e7, 0.0]);
-    let grid = Grid::adaptive(&points).unwrap();
+    let grid = NeighbourGrid::adaptive(&points).unwrap();
     assert!(grid.cells() > 200 && !grid.clamped(), "{} cells", grid.cells());
     assert_eq!(grid.nearest([0.0, 2e7, 0.0], 1, None)[0].0, 2000);
 }
 
 #[test]
 fn equal_points_are_neighbours_at_distance_zero() {
-    let grid = Grid::adaptive(&[0.25; 30]).unwrap();
+    let grid = NeighbourGrid::adaptive(&[0.25; 30]).unwrap();
     assert_eq!(grid.count_within(0.0, 99), [9; 10]);
     assert_eq!(grid.nearest_distances(), [0.0; 10]);
     assert_eq!(grid.nearest([0.25; 3], 3, Some(0)), [(1, 0.0), (2, 0.0), (3, 0.0)]);
@@ -89,7 +89,7 @@ fn equal_points_are_neighbours_at_distance_zero() {
 #[test]
 fn extents_beyond_the_cells_are_still_right() {
     let points = [0.0, 0.0, 0.0, 1e30, 0.0, 0.0, 1e30, 1.0, 0.0, 0.001, 0.0, 0.0];
-    let grid = Grid::new(&points, 0.01).unwrap();
+    let grid = NeighbourGrid::new(&points, 0.01).unwrap();
     assert!(grid.clamped());
     assert_eq!(grid.count_within(0.01, 9), [1, 0, 0, 1]);
     assert_eq!(grid.nearest([0.0; 3], 2, Some(0))[0], (3, 0.001f32 * 0.001));
@@ -97,14 +97,14 @@ fn extents_beyond_the_cells_are_still_right() {
 
 #[test]
 fn empty_single_and_wrong_input() {
-    let empty = Grid::adaptive(&[]).unwrap();
+    let empty = NeighbourGrid::adaptive(&[]).unwrap();
     assert!(empty.is_empty() && empty.nearest([0.0; 3], 3, None).is_empty());
-    let one = Grid::new(&[1.0, 2.0, 3.0], 0.1).unwrap();
+    let one = NeighbourGrid::new(&[1.0, 2.0, 3.0], 0.1).unwrap();
     assert_eq!((one.len(), one.nearest([0.0; 3], 3, None).len(), one.nearest([1.0; 3], 3, Some(0)).len()), (1, 1, 0));
     assert!(one.nearest([f32::NAN; 3], 1, None).is_empty());
-    assert!(Grid::new(&[0.0; 4], 0.1).is_err());
+    assert!(NeighbourGrid::new(&[0.0; 4], 0.1).is_err());
     for cell in [0.0, -1.0, f32::NAN, f32::INFINITY] {
-        assert!(Grid::new(&[0.0; 3], cell).is_err());
+        assert!(NeighbourGrid::new(&[0.0; 3], cell).is_err());
     }
 }
 
@@ -114,7 +114,7 @@ fn the_thread_count_never_changes_a_bit() {
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let grid = Grid::adaptive(&points).unwrap();
+            let grid = NeighbourGrid::adaptive(&points).unwrap();
             let bits: Vec<u32> = grid.nearest_distances().iter().map(|d| d.to_bits()).collect();
             (bits, grid.count_within(0.1, 50), grid.nearest([0.0; 3], 20, None))
         })

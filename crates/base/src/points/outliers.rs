@@ -1,7 +1,7 @@
 //! The mask that drops isolated floaters before components are formed. The neighbour search lives in `neighbours`.
 
 use super::error::{PointsError, check_positive};
-use super::neighbours::Grid;
+use super::neighbours::NeighbourGrid;
 
 /// Default search radius in median nearest-neighbour distances. Points scattered at random on a surface have about 25
 /// others within 6 of them (half as many at a rim), but only 11 within 4, where requiring 8 would lose a tenth of the
@@ -44,12 +44,12 @@ pub fn keep_mask(points: &[f32], config: &OutlierConfig) -> Result<OutlierMask, 
     let (grid, radius) = match config.radius {
         Some(radius) => {
             check_positive("radius", radius)?;
-            (Grid::new(points, radius)?, radius)
+            (NeighbourGrid::new(points, radius)?, radius)
         }
         None => {
-            let fine = Grid::adaptive(points)?;
+            let fine = NeighbourGrid::adaptive(points)?;
             let radius = SPACINGS * median_spacing(&fine);
-            if radius > 0.0 { (Grid::new(points, radius)?, radius) } else { (fine, 0.0) }
+            if radius > 0.0 { (NeighbourGrid::new(points, radius)?, radius) } else { (fine, 0.0) }
         }
     };
     let needed = config.min_neighbours;
@@ -61,7 +61,7 @@ pub fn keep_mask(points: &[f32], config: &OutlierConfig) -> Result<OutlierMask, 
 }
 
 /// Median of the positive nearest-neighbour distances; 0 where there are none.
-pub fn median_spacing(grid: &Grid) -> f32 {
+pub fn median_spacing(grid: &NeighbourGrid) -> f32 {
     let mut distances: Vec<f32> = grid.nearest_distances().into_iter().filter(|d| d.is_finite() && *d > 0.0).collect();
     if distances.is_empty() {
         return 0.0;

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 /// Two nodes and the weight of the edge between them, at least 0.
-pub type Edge = (u32, u32, f64);
+pub type WeightedEdge = (u32, u32, f64);
 
 /// Joins regions of nodes, given as `of` `[N]` (any numbers): first each region of fewer than `tiny` nodes with the
 /// neighbour to which it has the most edge weight, then repeatedly the pair with the largest normalised cut as long as
@@ -15,8 +15,8 @@ pub type Edge = (u32, u32, f64);
 ///
 /// # Panics
 /// If an edge names a node that is not below N.
-pub fn join(of: &[u32], edges: &[Edge], tiny: usize, cut: f64) -> Vec<u32> {
-    let mut regions = Regions::new(of, edges);
+pub fn join(of: &[u32], edges: &[WeightedEdge], tiny: usize, cut: f64) -> Vec<u32> {
+    let mut regions = RegionGraph::new(of, edges);
     regions.join_tiny(tiny);
     while let Some((a, b)) = regions.widest(cut) {
         regions.merge(a, b);
@@ -24,7 +24,7 @@ pub fn join(of: &[u32], edges: &[Edge], tiny: usize, cut: f64) -> Vec<u32> {
     regions.labels()
 }
 
-struct Regions {
+struct RegionGraph {
     /// Region of each node.
     of: Vec<usize>,
     /// The region each was merged into; itself if it was not.
@@ -36,8 +36,8 @@ struct Regions {
     volumes: Vec<f64>,
 }
 
-impl Regions {
-    fn new(of: &[u32], edges: &[Edge]) -> Self {
+impl RegionGraph {
+    fn new(of: &[u32], edges: &[WeightedEdge]) -> Self {
         let mut numbers: BTreeMap<u32, usize> = BTreeMap::new();
         let of: Vec<usize> = of
             .iter()
@@ -130,7 +130,7 @@ mod tests {
 
     /// A strip of `length` columns of four nodes, with edges to the right and down of weight 1. Between the columns
     /// `at` and `at + 1` only the first `wide` rows have an edge, of weight `weak`.
-    fn strip(length: u32, at: u32, wide: u32, weak: f64) -> Vec<Edge> {
+    fn strip(length: u32, at: u32, wide: u32, weak: f64) -> Vec<WeightedEdge> {
         let mut edges = Vec::new();
         for (x, y) in (0..length).flat_map(|x| (0..4).map(move |y| (x, y))) {
             if y < 3 {

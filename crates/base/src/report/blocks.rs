@@ -2,7 +2,7 @@
 //! `report.js`.
 
 use super::page::escape;
-use super::{Block, Number};
+use super::{Headline, ReportBlock};
 use crate::durations::exact_duration;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -12,24 +12,24 @@ const DEFAULT_FPS: f32 = 8.0;
 const PNG_SIGNATURE: [u8; 8] = *b"\x89PNG\r\n\x1a\n";
 
 /// Appends `block` to the page.
-pub(super) fn render(out: &mut String, block: &Block) {
+pub(super) fn render(out: &mut String, block: &ReportBlock) {
     *out += &match block {
-        Block::Text(text) => paragraphs(text),
-        Block::Figure { png, alt, caption } => {
+        ReportBlock::Text(text) => paragraphs(text),
+        ReportBlock::Figure { png, alt, caption } => {
             let card = format!("<div class=\"card\">{}</div>\n", image(png, alt, ""));
             figure("single", &size_style(png), &card, caption)
         }
-        Block::Figures { items, columns } => figures(items, *columns),
-        Block::Compare { left, left_name, right, right_name, caption } => {
+        ReportBlock::Figures { items, columns } => figures(items, *columns),
+        ReportBlock::Compare { left, left_name, right, right_name, caption } => {
             figure("wide", &size_style(left), &compare([left, right], [left_name, right_name]), caption)
         }
-        Block::Turntable { frames, labels, caption, fps } => turntable(frames, labels, caption, *fps),
-        Block::Svg { svg, caption } => plot(svg, caption),
-        Block::Table { head, rows, caption, highlight } => table(head, rows, caption, *highlight),
-        Block::Numbers(numbers) => headline(numbers),
-        Block::Commands(commands) => code(commands),
-        Block::Timings(stages) => timings(stages),
-        Block::Missing { what, how } => missing(what, how),
+        ReportBlock::Turntable { frames, labels, caption, fps } => turntable(frames, labels, caption, *fps),
+        ReportBlock::Svg { svg, caption } => plot(svg, caption),
+        ReportBlock::Table { head, rows, caption, highlight } => table(head, rows, caption, *highlight),
+        ReportBlock::Numbers(numbers) => headline(numbers),
+        ReportBlock::Commands(commands) => code(commands),
+        ReportBlock::Timings(stages) => timings(stages),
+        ReportBlock::Missing { what, how } => missing(what, how),
     };
 }
 
@@ -191,13 +191,13 @@ fn table(head: &[String], rows: &[Vec<String>], caption: &str, highlight: Option
     out + "</tbody>\n</table>\n</div>\n"
 }
 
-fn headline(numbers: &[Number]) -> String {
+fn headline(numbers: &[Headline]) -> String {
     let optional = |class, text| unless_blank(text, |text| format!(" <span class=\"{class}\">{text}</span>"));
     if numbers.is_empty() {
         return String::new();
     }
     let mut out = "<dl class=\"numbers\">\n".to_owned();
-    for Number { value, unit, name, note } in numbers {
+    for Headline { value, unit, name, note } in numbers {
         out += &format!(
             "<div><dt>{}</dt><dd><span class=\"value\">{}</span>{}{}</dd></div>\n",
             escape(name),

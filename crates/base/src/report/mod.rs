@@ -22,12 +22,12 @@ pub struct Report {
     /// One line under the heading; may be empty.
     pub subtitle: String,
     /// The parts in reading order; each has a line in the table of contents.
-    pub sections: Vec<Section>,
+    pub sections: Vec<ReportSection>,
 }
 
 /// One part of a report.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Section {
+pub struct ReportSection {
     /// Anchor for links (`report.html#quality`), in lower case. Characters other than ASCII letters, digits and `-`
     /// become `-`; an empty or repeated anchor is made unique.
     pub id: String,
@@ -36,12 +36,12 @@ pub struct Section {
     /// One or two sentences on what is shown here; may be empty.
     pub intro: String,
     /// What is shown, in reading order.
-    pub blocks: Vec<Block>,
+    pub blocks: Vec<ReportBlock>,
 }
 
 /// An element of a section. Pictures are whole PNG files; bytes that are not a PNG are replaced by a note.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Block {
+pub enum ReportBlock {
     /// Paragraphs, separated by empty lines.
     Text(String),
     /// One picture.
@@ -103,7 +103,7 @@ pub enum Block {
         highlight: Option<usize>,
     },
     /// Headline figures.
-    Numbers(Vec<Number>),
+    Numbers(Vec<Headline>),
     /// Commands to run again, each with a comment (may be empty) and a button that copies the command.
     Commands(Vec<(String, String)>),
     /// How long each stage took, in seconds; non-finite and negative values are shown as a dash.
@@ -119,7 +119,7 @@ pub enum Block {
 
 /// One headline figure.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Number {
+pub struct Headline {
     /// The value as displayed, such as `30.1`.
     pub value: String,
     /// Its unit, such as `dB`; may be empty.
@@ -143,9 +143,9 @@ pub enum ReportError {
     },
 }
 
-impl Section {
+impl ReportSection {
     /// Makes a part of a report.
-    pub fn new(id: &str, title: &str, intro: impl Into<String>, blocks: Vec<Block>) -> Self {
+    pub fn new(id: &str, title: &str, intro: impl Into<String>, blocks: Vec<ReportBlock>) -> Self {
         Self { id: id.to_owned(), title: title.to_owned(), intro: intro.into(), blocks }
     }
 }

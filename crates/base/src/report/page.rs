@@ -1,6 +1,6 @@
 //! The skeleton of the page: head, heading, table of contents, sections, script. The HTML of a block is in `blocks`.
 
-use super::{Report, Section, blocks};
+use super::{Report, ReportSection, blocks};
 use std::collections::BTreeSet;
 
 const CSS: &str = include_str!("report.css");
@@ -40,7 +40,7 @@ pub(super) fn render(report: &Report) -> String {
     out + &format!("<script>\n{JS}</script>\n</body>\n</html>\n")
 }
 
-fn contents(out: &mut String, sections: &[Section], ids: &[String]) {
+fn contents(out: &mut String, sections: &[ReportSection], ids: &[String]) {
     if sections.is_empty() {
         return;
     }
@@ -58,7 +58,7 @@ fn paragraph(out: &mut String, class: &str, text: &str) {
 }
 
 /// One anchor for each section, all different, of lower-case ASCII letters, digits and `-`.
-fn anchors(sections: &[Section]) -> Vec<String> {
+fn anchors(sections: &[ReportSection]) -> Vec<String> {
     // the page's own ids
     let mut used = BTreeSet::from(["top", "main", "status"].map(String::from));
     let clean = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };

@@ -1,7 +1,7 @@
 //! Behaviour of the page: texts are escaped, nothing is fetched, every block is present, tags balance.
 
 use super::*;
-use crate::draw::plot::{Series, line_plot};
+use crate::draw::plot::{PlotSeries, line_plot};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use image::{ImageFormat, Rgba, RgbaImage};
@@ -18,36 +18,37 @@ fn text(value: &str) -> String {
     value.to_owned()
 }
 
-fn report(blocks: Vec<Block>) -> Report {
-    let section = Section { id: text("part"), title: text("Part"), intro: text("Intro."), blocks };
+fn report(blocks: Vec<ReportBlock>) -> Report {
+    let section = ReportSection { id: text("part"), title: text("Part"), intro: text("Intro."), blocks };
     Report { title: text("Demo"), subtitle: text("Sub"), sections: vec![section] }
 }
 
-fn page(block: Block) -> String {
+fn page(block: ReportBlock) -> String {
     report(vec![block]).to_html()
 }
 
 /// Every kind of block, with `word` in each text.
-fn all_blocks(word: &str) -> Vec<Block> {
+fn all_blocks(word: &str) -> Vec<ReportBlock> {
     let w = || text(word);
-    let curve = Series { name: w(), points: vec![(0.0, 1.0), (1.0, 3.0)] };
+    let curve = PlotSeries { name: w(), points: vec![(0.0, 1.0), (1.0, 3.0)] };
     vec![
-        Block::Text(w()),
-        Block::Figure { png: png(3, 2, 1), alt: w(), caption: w() },
-        Block::Figures { items: vec![(png(4, 4, 2), w()), (Vec::new(), w())], columns: 2 },
-        Block::Compare { left: png(4, 4, 3), left_name: w(), right: png(4, 4, 4), right_name: w(), caption: w() },
-        Block::Turntable { frames: vec![png(4, 4, 5), png(4, 4, 6)], labels: vec![w()], caption: w(), fps: 12.0 },
-        Block::Svg { svg: line_plot(word, word, word, &[curve]), caption: w() },
-        Block::Table { head: vec![w(), w()], rows: vec![vec![w(), w()]], caption: w(), highlight: Some(1) },
-        Block::Numbers(vec![Number { value: w(), unit: w(), name: w(), note: w() }]),
-        Block::Commands(vec![(w(), w())]),
-        Block::Timings(vec![(w(), 1.5)]),
-        Block::Missing { what: w(), how: w() },
+        ReportBlock::Text(w()),
+        ReportBlock::Figure { png: png(3, 2, 1), alt: w(), caption: w() },
+        ReportBlock::Figures { items: vec![(png(4, 4, 2), w()), (Vec::new(), w())], columns: 2 },
+        ReportBlock::Compare { left: png(4, 4, 3), left_name: w(), right: png(4, 4, 4), right_name: w(), caption: w() },
+        ReportBlock::Turntable { frames: vec![png(4, 4, 5), png(4, 4, 6)], labels: vec![w()], caption: w(), fps: 12.0 },
+        ReportBlock::Svg { svg: line_plot(word, word, word, &[curve]), caption: w() },
+        ReportBlock::Table { head: vec![w(), w()], rows: vec![vec![w(), w()]], caption: w(), highlight: Some(1) },
+        ReportBlock::Numbers(vec![Headline { value: w(), unit: w(), name: w(), note: w() }]),
+        ReportBlock::Commands(vec![(w(), w())]),
+        ReportBlock::Timings(vec![(w(), 1.5)]),
+        ReportBlock::Missing { what: w(), how: w() },
     ]
 }
 
 fn full(word: &str) -> Report {
-    let section = |id: &str| Section { id: text(id), title: text(word), intro: text(word), blocks: all_blocks(word) };
+    let section =
+        |id: &str| ReportSection { id: text(id), title: text(word), intro: text(word), blocks: all_blocks(word) };
     Report { title: text(word), subtitle: text(word), sections: vec![section("a"), section(word)] }
 }
 
@@ -106,7 +107,7 @@ fn markup_in_any_text_is_shown_literally() {
 
 #[test]
 fn a_script_in_a_plot_stays_inside_a_picture() {
-    let html = page(Block::Svg { svg: text("<svg><script>steal()</script></svg>"), caption: String::new() });
+    let html = page(ReportBlock::Svg { svg: text("<svg><script>steal()</script></svg>"), caption: String::new() });
     assert!(!html.contains("steal"));
     assert!(html.contains("<img src=\"data:image/svg+xml;base64,") && html.contains("alt=\"Plot\""));
 }
@@ -139,7 +140,7 @@ fn every_block_is_rendered() {
 #[test]
 fn an_embedded_picture_survives_a_round_trip() {
     let picture = png(17, 9, 200);
-    let html = page(Block::Figure { png: picture.clone(), alt: text("a"), caption: text("c") });
+    let html = page(ReportBlock::Figure { png: picture.clone(), alt: text("a"), caption: text("c") });
     let data = html.split("src=\"data:image/png;base64,").nth(1).unwrap();
     let bytes = STANDARD.decode(&data[..data.find('"').unwrap()]).unwrap();
     assert_eq!(bytes, picture);
@@ -168,7 +169,7 @@ fn nothing_is_fetched_and_the_page_itself_is_small() {
 fn bytes_that_are_not_a_png_are_replaced_by_a_note() {
     for bytes in [vec![], b"\x89PNG\r\n\x1a\n".to_vec(), png(4, 4, 0)[..20].to_vec(), b"GIF89a".to_vec()] {
         let count = bytes.len();
-        let html = page(Block::Figure { png: bytes, alt: text("slice"), caption: String::new() });
+        let html = page(ReportBlock::Figure { png: bytes, alt: text("slice"), caption: String::new() });
         assert!(html.contains(&format!("slice: cannot be shown, as these {count} bytes are not a PNG.")), "{count}");
         check_balance(&html).unwrap();
     }
@@ -176,7 +177,7 @@ fn bytes_that_are_not_a_png_are_replaced_by_a_note() {
 
 #[test]
 fn anchors_are_clean_unique_and_linked() {
-    let section = |id: &str| Section { id: text(id), ..Section::default() };
+    let section = |id: &str| ReportSection { id: text(id), ..ReportSection::default() };
     let ids = ["Quality", "quality", "", "main", "a \"b\"", "quality-2"];
     let html = Report { sections: ids.iter().map(|id| section(id)).collect(), ..Report::default() }.to_html();
     for id in ["quality", "quality-2", "section", "main-2", "a--b", "quality-2-2"] {
@@ -189,21 +190,21 @@ fn anchors_are_clean_unique_and_linked() {
 fn empty_and_ragged_content_still_gives_a_page() {
     check_balance(&Report::default().to_html()).unwrap();
     let blocks = vec![
-        Block::Text(String::new()),
-        Block::Figures { items: vec![], columns: 0 },
-        Block::Turntable { frames: vec![], labels: vec![], caption: text("none"), fps: 1.0 },
-        Block::Turntable { frames: vec![png(2, 2, 0)], labels: vec![], caption: String::new(), fps: f32::NAN },
-        Block::Table { head: vec![], rows: vec![], caption: String::new(), highlight: Some(9) },
-        Block::Numbers(vec![]),
-        Block::Commands(vec![]),
-        Block::Timings(vec![]),
+        ReportBlock::Text(String::new()),
+        ReportBlock::Figures { items: vec![], columns: 0 },
+        ReportBlock::Turntable { frames: vec![], labels: vec![], caption: text("none"), fps: 1.0 },
+        ReportBlock::Turntable { frames: vec![png(2, 2, 0)], labels: vec![], caption: String::new(), fps: f32::NAN },
+        ReportBlock::Table { head: vec![], rows: vec![], caption: String::new(), highlight: Some(9) },
+        ReportBlock::Numbers(vec![]),
+        ReportBlock::Commands(vec![]),
+        ReportBlock::Timings(vec![]),
     ];
     let html = report(blocks).to_html();
     check_balance(&html).unwrap();
     assert!(html.contains("Turntable without frames") && html.contains("data-fps=\"8\""));
     assert!(!html.contains("class=\"controls\""), "one frame needs no controls");
     let rows = vec![vec![text("a")], vec![text("b"), text("1"), text("2")]];
-    let html = page(Block::Table { head: vec![text("h")], rows, caption: String::new(), highlight: None });
+    let html = page(ReportBlock::Table { head: vec![text("h")], rows, caption: String::new(), highlight: None });
     assert_eq!((html.matches("<th scope=\"col\"").count(), html.matches("<td").count()), (3, 4));
 }
 
@@ -212,7 +213,7 @@ fn numeric_columns_are_right_aligned() {
     let row = |cells: [&str; 4]| cells.map(text).to_vec();
     let rows = vec![row(["8", "30.1 dB", "–", "fine"]), row(["16", "−2.5", "98 %", "3"])];
     let head = row(["Views", "PSNR", "Hits", "Word"]);
-    let html = page(Block::Table { head, rows, caption: text("T"), highlight: Some(1) });
+    let html = page(ReportBlock::Table { head, rows, caption: text("T"), highlight: Some(1) });
     assert!(html.contains("<th scope=\"col\" class=\"number best\">PSNR</th>"));
     assert!(html.contains("<td class=\"number\">98 %</td>"));
     assert!(html.contains("<td>fine</td>") && html.contains("<th scope=\"row\">16</th>"));
@@ -222,7 +223,8 @@ fn numeric_columns_are_right_aligned() {
 fn cells_in_double_asterisks_are_bold_and_still_numeric() {
     let row = |cells: [&str; 3]| cells.map(text).to_vec();
     let rows = vec![row(["a", "**30.1 ± 0.2**", "** <b> **"]), row(["**", "29", "****"])];
-    let html = page(Block::Table { head: row(["v", "PSNR", "w"]), rows, caption: String::new(), highlight: None });
+    let html =
+        page(ReportBlock::Table { head: row(["v", "PSNR", "w"]), rows, caption: String::new(), highlight: None });
     assert!(html.contains("<td class=\"number\"><strong>30.1 ± 0.2</strong></td>"));
     assert!(html.contains("<strong>&lt;b&gt;</strong>"));
     assert!(html.contains("<th scope=\"row\">**</th>") && html.contains("<td>****</td>"));
@@ -233,7 +235,7 @@ fn cells_in_double_asterisks_are_bold_and_still_numeric() {
 fn times_are_readable_and_non_finite_values_do_not_spread() {
     let times = [0.0421, 3.11, 59.4, 59.7, 245.0, 7_199.0, f64::NAN, f64::INFINITY, -1.0];
     let stages = times.iter().enumerate().map(|(i, seconds)| (format!("stage {i}"), *seconds)).collect();
-    let html = page(Block::Timings(stages));
+    let html = page(ReportBlock::Timings(stages));
     for shown in ["0.042 s", "3.1 s", "59 s", "1 min 00 s", "4 min 05 s", "2 h 00 min", "2 h 06 min"] {
         assert!(html.contains(&format!(">{shown}<")), "{shown}");
     }
@@ -247,7 +249,7 @@ fn times_are_readable_and_non_finite_values_do_not_spread() {
 #[test]
 fn frames_without_a_label_are_numbered() {
     let frames = vec![png(2, 2, 0), png(2, 2, 1), png(2, 2, 2)];
-    let html = page(Block::Turntable { frames, labels: vec![text("t = 0")], caption: text("c"), fps: 10.0 });
+    let html = page(ReportBlock::Turntable { frames, labels: vec![text("t = 0")], caption: text("c"), fps: 10.0 });
     assert!(html.contains("data-label=\"t = 0\"") && html.contains("data-label=\"3 of 3\""));
     assert!(html.contains("max=\"2\"") && html.matches("class=\"on\"").count() == 1);
 }

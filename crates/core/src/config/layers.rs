@@ -22,9 +22,9 @@ use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
 pub use error::{ConfigError, ValueError};
-use schema::View;
+use schema::SchemaNode;
 pub use schema::{file_schema, schema};
-use sources::{Leaf, Reader};
+use sources::{Leaf, SourceReader};
 use text::{dotted, one_line};
 
 use crate::words::plain;
@@ -34,7 +34,7 @@ pub const ENV_PREFIX: &str = "VOLSEGGS_";
 
 /// Where the value of a key came from.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Origin {
+pub enum KeyOrigin {
     /// The built-in default.
     Default,
     /// A file.
@@ -57,7 +57,7 @@ pub enum Origin {
     Set,
 }
 
-impl fmt::Display for Origin {
+impl fmt::Display for KeyOrigin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Default => f.write_str("default"),
@@ -91,7 +91,7 @@ pub struct Resolved<T> {
     /// The same as TOML; keys that are `None` are absent.
     pub table: Table,
     /// Origin of each leaf of `table` by its dotted key.
-    pub origins: BTreeMap<String, Origin>,
+    pub origins: BTreeMap<String, KeyOrigin>,
 }
 
 impl<'a> Layers<'a> {
@@ -153,7 +153,7 @@ impl<'a> Layers<'a> {
         T: Serialize + DeserializeOwned + Default + JsonSchema,
     {
         let schema = schema::<T>();
-        let root = View::root(&schema);
+        let root = SchemaNode::root(&schema);
         let leaves = self.leaves(&root)?;
         for leaf in &leaves {
             sources::check_known(leaf, &root)?;
@@ -170,7 +170,7 @@ impl<'a> Layers<'a> {
         let table = to_table(&value, &root)?;
         let mut written = Vec::new();
         let whole = Value::Table(table.clone());
-        sources::flatten(&mut Vec::new(), whole, &|_| Origin::Default, &mut written);
+        sources::flatten(&mut Vec::new(), whole, &|_| KeyOrigin::Default, &mut written);
         let mut origins = BTreeMap::new();
         for leaf in written.iter().filter(|leaf| !leaf.path.is_empty()) {
             // an empty section given later sets none of its leaves
@@ -178,17 +178,17 @@ impl<'a> Layers<'a> {
                 leaf.path == given.path || !given.value.is_table() && leaf.path.starts_with(&given.path)
             };
             let last = leaves.iter().rev().find(sets_it);
-            let origin = last.map_or(Origin::Default, |given| given.origin.clone());
+            let origin = last.map_or(KeyOrigin::Default, |given| given.origin.clone());
             origins.insert(dotted(&leaf.path), origin);
         }
         Ok(Resolved { value, table, origins })
     }
 
-    fn leaves(&self, root: &View<'_>) -> Result<Vec<Leaf>, ConfigError> {
+    fn leaves(&self, root: &SchemaNode<'_>) -> Result<Vec<Leaf>, ConfigError> {
         let mut leaves = Vec::new();
         for name in &self.sources {
             let here = Some(Path::new(""));
-            Reader::new(&self.presets).read(name, here, "configuration", &mut leaves)?;
+            SourceReader::new(&self.presets).read(name, here, "configuration", &mut leaves)?;
         }
         for (name, value) in &self.env {
             let key = &name[ENV_PREFIX.len()..];
@@ -209,7 +209,7 @@ impl<T> Resolved<T> {
     /// [`ConfigError::Incomplete`], which names the first key that `file` lacks.
     pub fn complete(self, file: &Path, optional: &str) -> Result<T, ConfigError> {
         let needed = |key: &str| key.split('.').next() != Some(optional);
-        match self.origins.into_iter().find(|(key, origin)| *origin == Origin::Default && needed(key)) {
+        match self.origins.into_iter().find(|(key, origin)| *origin == KeyOrigin::Default && needed(key)) {
             None => Ok(self.value),
             Some((key, _)) => Err(ConfigError::Incomplete { path: file.to_owned(), key }),
         }
@@ -219,11 +219,11 @@ impl<T> Resolved<T> {
     pub fn show(&self) -> String {
         let mut leaves = Vec::new();
         let whole = Value::Table(self.table.clone());
-        sources::flatten(&mut Vec::new(), whole, &|_| Origin::Default, &mut leaves);
+        sources::flatten(&mut Vec::new(), whole, &|_| KeyOrigin::Default, &mut leaves);
         let mut text = String::new();
         for leaf in leaves.iter().filter(|leaf| !leaf.path.is_empty()) {
             let key = dotted(&leaf.path);
-            let origin = self.origins.get(&key).unwrap_or(&Origin::Default);
+            let origin = self.origins.get(&key).unwrap_or(&KeyOrigin::Default);
             text += &format!("{key} = {}  # {origin}\n", one_line(&leaf.value));
         }
         text
@@ -238,7 +238,7 @@ impl<T> Resolved<T> {
     }
 }
 
-fn to_table<T: Serialize>(value: &T, root: &View<'_>) -> Result<Table, ConfigError> {
+fn to_table<T: Serialize>(value: &T, root: &SchemaNode<'_>) -> Result<Table, ConfigError> {
     let table = Table::try_from(value).map_err(|e| ConfigError::Defaults(e.to_string()))?;
     match tidy(Value::Table(table), Some(root)) {
         Value::Table(table) => Ok(table),
@@ -248,13 +248,13 @@ fn to_table<T: Serialize>(value: &T, root: &View<'_>) -> Result<Table, ConfigErr
 
 /// Gives `f32` values the shortest text that reads back as the same `f32`: 0.1, not
 /// 0.10000000149011612.
-fn tidy(value: Value, node: Option<&View<'_>>) -> Value {
+fn tidy(value: Value, node: Option<&SchemaNode<'_>>) -> Value {
     match value {
-        Value::Float(wide) if node.is_some_and(View::is_f32) => {
+        Value::Float(wide) if node.is_some_and(SchemaNode::is_f32) => {
             Value::Float((wide as f32).to_string().parse().unwrap_or(wide))
         }
         Value::Array(items) => {
-            let node = node.and_then(View::items);
+            let node = node.and_then(SchemaNode::items);
             let tidied = items.into_iter().map(|item| tidy(item, node.as_ref()));
             Value::Array(tidied.collect())
         }

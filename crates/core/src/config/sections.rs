@@ -9,7 +9,7 @@ use serde_json::Value;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-static SECTIONS: Registry<Section> = Registry::new("section", &[]);
+static SECTIONS: Registry<ConfigSection> = Registry::new("section", &[]);
 
 /// The settings of a section: a struct whose default holds the value of every key, for `#[serde(default)]`.
 pub trait Settings: Serialize + DeserializeOwned + JsonSchema + 'static {
@@ -21,14 +21,14 @@ pub trait Settings: Serialize + DeserializeOwned + JsonSchema + 'static {
 
 /// The schema of a section, and how missing keys get their defaults.
 #[derive(Clone, Copy)]
-pub struct Section {
+pub struct ConfigSection {
     name: &'static str,
     schema: fn(&mut SchemaGenerator) -> Schema,
     complete: fn(Value) -> Result<Value, serde_json::Error>,
     may_change: &'static [&'static str],
 }
 
-impl Section {
+impl ConfigSection {
     /// The section of these settings.
     pub const fn new<S: Settings>() -> Self {
         let schema = |generator: &mut SchemaGenerator| generator.subschema_for::<S>();
@@ -146,7 +146,7 @@ mod tests {
     fn an_added_section_has_its_defaults_and_its_errors() {
         let unknown = resolve("test-waves.count=2").unwrap_err().to_string();
         assert!(unknown.contains("test-waves"), "{unknown}");
-        Section::new::<Waves>().add();
+        ConfigSection::new::<Waves>().add();
         let config = resolve("test-waves.count=2").unwrap();
         assert_eq!(config.sections.get::<Waves>(), Ok(Some(Waves { count: 2, height: 0.5 })));
         let read: Config = toml::from_str(&toml::to_string(&config).unwrap()).unwrap();

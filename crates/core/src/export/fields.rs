@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// A field on the voxels of a grid.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Field {
+pub struct VoxelField {
     /// Its name, of lower-case letters.
     pub name: &'static str,
     /// Its unit, without control characters.
@@ -30,7 +30,7 @@ pub struct FieldVolume<'a> {
     /// What the axes of space mean; `None` if that is unknown, so that files state nothing. VTK image data cannot.
     pub axes: Option<AxisConvention>,
     /// The fields, at least one; each has `grid.len()` times its components values.
-    pub fields: &'a [Field],
+    pub fields: &'a [VoxelField],
     /// Unit of length, if it is known.
     pub unit: Option<&'a str>,
     /// The time.
@@ -55,7 +55,7 @@ impl FieldVolume<'_> {
 
     /// Returns the name of each number of a voxel, in the order of the file.
     pub fn channels(&self) -> Vec<String> {
-        let of = |field: &Field| -> Vec<String> {
+        let of = |field: &VoxelField| -> Vec<String> {
             match (field.name, field.components) {
                 (name, 1) => vec![name.to_owned()],
                 ("colour", _) => ["red", "green", "blue"].map(str::to_owned).to_vec(),
@@ -102,7 +102,7 @@ fn vti(volume: &FieldVolume<'_>) -> std::io::Result<Vec<u8>> {
     image.texts("field_names", volume.fields.iter().map(|field| field.name));
     image.texts("field_units", volume.fields.iter().map(|field| field.unit.as_str()));
     image.field("UInt8", "edited", [1, 1], &u8::from(volume.edited).to_string());
-    for Field { name, components, values, .. } in volume.fields {
+    for VoxelField { name, components, values, .. } in volume.fields {
         let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
         image.points("Float32", name, Some(*components), &bytes)?;
     }
@@ -170,16 +170,16 @@ mod tests {
     use std::process::Command;
     use volseggs_testing::{Need, python_with};
 
-    fn example() -> (Grid, Vec<Field>) {
+    fn example() -> (Grid, Vec<VoxelField>) {
         let grid = Grid { spacing: [0.5, 1.0, 2.0], origin: [10.0, -1.0, 0.25], ..Grid::unit([4, 3, 2]) };
         let field = |name, components: usize, unit: &str| {
             let values = (0..24 * components).map(|i| i as f32 + 0.5 * components as f32).collect();
-            Field { name, unit: unit.into(), components, values }
+            VoxelField { name, unit: unit.into(), components, values }
         };
         (grid, vec![field("density", 1, "1/(mm)"), field("velocity", 3, "(mm)/(s)"), field("colour", 3, "1")])
     }
 
-    fn write_all(folder: &Path, fields: &[Field]) -> [PathBuf; 3] {
+    fn write_all(folder: &Path, fields: &[VoxelField]) -> [PathBuf; 3] {
         let (grid, _) = example();
         let axes = Some(AxisConvention::LeftPosteriorSuperior);
         let volume = FieldVolume { grid, axes, fields, unit: Some("mm"), time: 2.5, time_unit: "s", edited: false };

@@ -103,7 +103,7 @@ pub enum LabelsError {
 /// [`LabelsError`]; nothing is then written.
 pub fn write_nrrd(path: &Path, volume: &LabelVolume<'_>) -> Result<(), LabelsError> {
     let occurring = check(path, volume)?;
-    let Cells { bytes, wide } = cells(volume);
+    let LabelBytes { bytes, wide } = cells(volume);
     let header = NrrdHeader {
         comment: volume.comment(),
         kind: if wide { "uint16" } else { "uint8" },
@@ -160,7 +160,7 @@ fn nrrd_keys(volume: &LabelVolume<'_>, extents: &[Extent]) -> Vec<(String, Strin
 /// [`LabelsError`]; nothing is then written.
 pub fn write_vti(path: &Path, volume: &LabelVolume<'_>) -> Result<(), LabelsError> {
     check(path, volume)?;
-    let Cells { bytes, wide } = cells(volume);
+    let LabelBytes { bytes, wide } = cells(volume);
     let n = volume.names.len();
     let values: Vec<String> = volume.names.iter().map(|l| l.value.to_string()).collect();
     let colours: Vec<String> = volume.names.iter().flat_map(|l| l.colour).map(|c| c.to_string()).collect();
@@ -179,16 +179,16 @@ fn write(path: &Path, encoded: std::io::Result<Vec<u8>>) -> Result<(), LabelsErr
 }
 
 /// The labels as little-endian bytes.
-struct Cells {
+struct LabelBytes {
     bytes: Vec<u8>,
     wide: bool,
 }
 
-fn cells(volume: &LabelVolume<'_>) -> Cells {
+fn cells(volume: &LabelVolume<'_>) -> LabelBytes {
     let wide = volume.names.iter().any(|n| n.value > 255);
     let ids = volume.ids.iter();
     let bytes = if wide { ids.flat_map(|v| v.to_le_bytes()).collect() } else { ids.map(|v| *v as u8).collect() };
-    Cells { bytes, wide }
+    LabelBytes { bytes, wide }
 }
 
 /// First and last voxel along x, y, z of a label; `None` if it does not occur.

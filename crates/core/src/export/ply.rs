@@ -14,7 +14,7 @@ use std::path::Path;
 use super::exporters::{Content, Exporter};
 use super::splat_file::{self, SplatFileError, SplatFileOptions};
 use crate::model::HostGaussians;
-use header::Header;
+use header::PlyHeader;
 
 /// Maximum degree of spherical harmonics in a file.
 pub const MAX_SH_DEGREE: usize = 3;
@@ -84,13 +84,13 @@ pub fn read(path: &Path) -> Result<HostGaussians, SplatFileError> {
 }
 
 fn read_from(input: &mut impl io::BufRead) -> Result<HostGaussians, ReadError> {
-    let header = Header::read(input)?;
+    let header = PlyHeader::read(input)?;
     let k = header.coefficients();
     let mut out = HostGaussians { sh_stride: k, ..HostGaussians::default() };
     let mut row = vec![0; header.stride];
     for i in 0..header.count {
         read_row(input, &mut row, i, header.count)?;
-        let at = |property: &header::Slot| property.value(&row);
+        let at = |property: &header::PropertySlot| property.value(&row);
         out.means.extend(header.mean.iter().map(at));
         out.log_scales.extend(header.scale.iter().map(at));
         out.rotations.extend(header.rotation.iter().map(at));

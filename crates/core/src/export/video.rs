@@ -51,7 +51,7 @@ pub enum VideoError {
 #[derive(Debug)]
 pub struct Mp4 {
     path: PathBuf,
-    encoder: Encoder,
+    encoder: VideoEncoder,
     file: AtomicFile,
 }
 
@@ -72,7 +72,7 @@ impl Mp4 {
         out.push(file.temporary());
         command.args(["-movflags", "+faststart", "-f", "mp4"]).arg(out);
         let missing = |source| VideoError::Missing { path: path.into(), source };
-        Ok(Self { path: path.into(), encoder: Encoder::start(&mut command).map_err(missing)?, file })
+        Ok(Self { path: path.into(), encoder: VideoEncoder::start(&mut command).map_err(missing)?, file })
     }
 
     /// Adds a frame `[height, width, 3]` of 8-bit RGB.
@@ -109,12 +109,12 @@ fn mark() -> Vec<u8> {
 
 /// The running program; killed if it is dropped before its end.
 #[derive(Debug)]
-struct Encoder {
+struct VideoEncoder {
     child: Child,
     message: Option<JoinHandle<String>>,
 }
 
-impl Encoder {
+impl VideoEncoder {
     fn start(command: &mut Command) -> io::Result<Self> {
         command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::piped());
         // Ctrl-C is for this program, which then ends the other
@@ -142,7 +142,7 @@ impl Encoder {
     }
 }
 
-impl Drop for Encoder {
+impl Drop for VideoEncoder {
     fn drop(&mut self) {
         // without effect after its end
         let _ = self.child.kill();

@@ -19,7 +19,7 @@ use burn::tensor::{DType, Device, Tensor, TensorData};
 pub use state_dict::StateDictError;
 use std::fmt;
 use std::path::{Path, PathBuf};
-use weights::{Conv, Weights};
+use weights::{LpipsConv, LpipsWeights};
 
 /// Mean and deviation of the backbones' training images, on the [-1, 1] scale.
 const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
@@ -155,7 +155,7 @@ pub enum LpipsError {
 /// An LPIPS net with its weights on a device. Only [`Lpips::first_features`] is differentiable.
 #[derive(Debug, Clone)]
 pub struct Lpips {
-    weights: Weights,
+    weights: LpipsWeights,
     device: Device,
 }
 
@@ -170,7 +170,7 @@ impl Lpips {
     /// or type, or not finite.
     pub fn load(path: impl AsRef<Path>, device: &Device) -> Result<Self, LpipsError> {
         let device = if device.is_autodiff() { device.clone().inner() } else { device.clone() };
-        Ok(Self { weights: Weights::load(path.as_ref(), &device)?, device })
+        Ok(Self { weights: LpipsWeights::load(path.as_ref(), &device)?, device })
     }
 
     /// The net that the weights belong to.
@@ -189,7 +189,7 @@ impl Lpips {
                 return convolve(x, conv);
             }
             let (weight, bias) = (Tensor::from_inner(conv.weight.clone()), Tensor::from_inner(conv.bias.clone()));
-            convolve(x, &Conv { spec: conv.spec, weight, bias })
+            convolve(x, &LpipsConv { spec: conv.spec, weight, bias })
         })
     }
 
@@ -277,7 +277,7 @@ fn pool(x: Tensor<4>, kernel: usize) -> Tensor<4> {
     max_pool2d(x, MaxPoolOptions::new([kernel; 2]).with_stride([net::POOL_STRIDE; 2]))
 }
 
-fn convolve(x: Tensor<4>, conv: &Conv) -> Tensor<4> {
+fn convolve(x: Tensor<4>, conv: &LpipsConv) -> Tensor<4> {
     let spec = conv.spec;
     let options = ConvOptions::new([spec.stride; 2], [spec.padding; 2], [1, 1], 1);
     relu(conv2d(x, conv.weight.clone(), Some(conv.bias.clone()), options))

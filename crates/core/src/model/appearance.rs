@@ -22,7 +22,7 @@ use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::{Quat, Vec3};
 use volseggs_kernels::sh::Bands;
-use volseggs_kernels::shading::{Light, MATERIAL, Material, Shading};
+use volseggs_kernels::shading::{GaussianShading, Light, MATERIAL, Material};
 
 /// Name of the normals among a Gaussian's attributes, see [`HostGaussians::columns`].
 pub const NORMALS: &str = "headlight.normals";
@@ -44,13 +44,13 @@ pub struct Headlight {
 impl Headlight {
     /// Moves it to a device.
     pub fn from_host(host: HostShading, device: &Device) -> Self {
-        let Shading { normals, material, .. } = host.into_device(device);
+        let GaussianShading { normals, material, .. } = host.into_device(device);
         Self { normals: Param::from_tensor(normals), material: Param::from_tensor(material) }
     }
 
     /// The input for splatting, with gradients where the parameters have them.
-    pub fn val(&self) -> Shading {
-        Shading { normals: self.normals.val(), material: self.material.val(), light: Light::Head }
+    pub fn val(&self) -> GaussianShading {
+        GaussianShading { normals: self.normals.val(), material: self.material.val(), light: Light::Head }
     }
 }
 
@@ -93,16 +93,16 @@ impl HostShading {
         Self { normals: Vec::new(), ..*self }
     }
 
-    pub(super) fn into_device(self, device: &Device) -> Shading {
+    pub(super) fn into_device(self, device: &Device) -> GaussianShading {
         let n = self.normals.len() / 3;
-        Shading {
+        GaussianShading {
             normals: Tensor::from_data(TensorData::new(self.normals, [n, 3]), device),
             material: Tensor::from_data(TensorData::new(self.material.to_vec(), [MATERIAL]), device),
             light: self.light,
         }
     }
 
-    pub(super) fn from_device(on_device: Shading) -> Self {
+    pub(super) fn from_device(on_device: GaussianShading) -> Self {
         let values = to_vec(on_device.material);
         Self {
             normals: to_vec(on_device.normals),
@@ -171,7 +171,7 @@ impl HostGaussians {
 mod tests {
     use super::*;
     use crate::model::sh::basis_of;
-    use volseggs_kernels::shading::reference::{Lit, colour};
+    use volseggs_kernels::shading::reference::{LitGaussian, colour};
 
     #[test]
     fn baked_even_bands_lose_only_the_fourth() {
@@ -211,7 +211,7 @@ mod tests {
         let directions = crate::points::sampling::fibonacci_sphere(20_000);
         let mut sums = [[0.0f64; 3]; 9];
         for d in &directions {
-            let lit = Lit {
+            let lit = LitGaussian {
                 mean: [0.0; 3],
                 rotation: std::array::from_fn(|c| f64::from(gaussian.rotations[c])),
                 sh: std::array::from_fn(|c| f64::from(gaussian.sh[c])),

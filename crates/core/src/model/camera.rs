@@ -5,13 +5,13 @@ use crate::data::Camera;
 /// Conversion to the camera of the splatting kernels.
 pub trait ToKernel {
     /// The same camera in single precision.
-    fn to_kernel(&self) -> volseggs_kernels::Camera;
+    fn to_kernel(&self) -> volseggs_kernels::PinholeCamera;
 }
 
 impl ToKernel for Camera {
-    fn to_kernel(&self) -> volseggs_kernels::Camera {
+    fn to_kernel(&self) -> volseggs_kernels::PinholeCamera {
         let (rotation, translation) = self.world_to_camera_opencv();
-        volseggs_kernels::Camera {
+        volseggs_kernels::PinholeCamera {
             width: self.width as usize,
             height: self.height as usize,
             fx: self.fx as f32,

@@ -2,7 +2,7 @@
 //! parameters.
 
 use super::encoder::{Encoder, EncoderFactory};
-use super::encoder_definition::{EncoderDefinition, Parameter, Parameters};
+use super::encoder_definition::{EncoderDefinition, EncoderParameter, Parameters};
 use crate::config::types::ModelConfig;
 use crate::rng::{Purpose, Rng};
 use burn::module::{Module, Param};
@@ -66,7 +66,7 @@ impl DefinedEncoder {
         let parameters = define(definition, config, seed)?;
         let features = definition.features(config);
         let layout = parameters.iter().map(|p| (p.name.clone(), p.shape.clone())).collect();
-        let value = |p: Parameter| {
+        let value = |p: EncoderParameter| {
             let len = p.start.len();
             Param::from_tensor(Tensor::from_data(TensorData::new(p.start, [len]), device))
         };
@@ -102,7 +102,7 @@ fn define(
     definition: &dyn EncoderDefinition,
     config: &ModelConfig,
     seed: u64,
-) -> Result<Vec<Parameter>, DefinitionError> {
+) -> Result<Vec<EncoderParameter>, DefinitionError> {
     let encoder = &config.encoder;
     if definition.features(config) == 0 {
         return Err(DefinitionError::NoFeatures(encoder.clone()));
@@ -131,9 +131,9 @@ fn define(
 const RELATIVE_TIME: f64 = 1.6;
 
 /// Makes [`DefinedEncoder`]s of one definition.
-pub struct Defined(pub &'static dyn EncoderDefinition);
+pub struct DefinedEncoderFactory(pub &'static dyn EncoderDefinition);
 
-impl EncoderFactory for Defined {
+impl EncoderFactory for DefinedEncoderFactory {
     fn check(&self, config: &ModelConfig) -> Result<(), String> {
         define(self.0, config, 0).map(|_| ()).map_err(|e| e.to_string())
     }
@@ -172,13 +172,13 @@ mod tests {
     use crate::model::size::check_model;
 
     /// `x W t`, with arbitrary parameters.
-    struct Linear(Vec<Parameter>, usize);
+    struct Linear(Vec<EncoderParameter>, usize);
 
     impl EncoderDefinition for Linear {
         fn features(&self, _: &ModelConfig) -> usize {
             self.1
         }
-        fn parameters(&self, _: &ModelConfig, _: &mut Rng) -> Vec<Parameter> {
+        fn parameters(&self, _: &ModelConfig, _: &mut Rng) -> Vec<EncoderParameter> {
             self.0.clone()
         }
         fn forward(&self, parameters: &Parameters, points: Tensor<2>, time: f32) -> Tensor<2> {
@@ -187,7 +187,7 @@ mod tests {
     }
 
     fn insert(name: &str, encoder: Linear) {
-        ENCODERS.insert(name, Box::new(Defined(Box::leak(Box::new(encoder)))));
+        ENCODERS.insert(name, Box::new(DefinedEncoderFactory(Box::leak(Box::new(encoder)))));
     }
 
     fn config(name: &str) -> ModelConfig {
@@ -196,7 +196,7 @@ mod tests {
 
     #[test]
     fn features_come_from_parameters_in_their_shapes_and_gradients_go_back() {
-        let weight = Parameter::new("weight", [3, 2], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+        let weight = EncoderParameter::new("weight", [3, 2], vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
         insert("test-linear", Linear(vec![weight], 2));
         let device = DeviceName::all()[0].open().unwrap().autodiff();
         let Encoder::Extra(encoder) = find_encoder("test-linear").unwrap().create(&config("test-linear"), 0, &device)
@@ -215,12 +215,12 @@ mod tests {
 
     #[test]
     fn a_definition_that_contradicts_itself_is_refused_by_name() {
-        let zeros = |name: &str, n: usize| Parameter::new(name, [n], vec![0.0; n]);
+        let zeros = |name: &str, n: usize| EncoderParameter::new(name, [n], vec![0.0; n]);
         let cases = [
-            ("test-short", vec![Parameter::new("table", [2, 3], vec![0.0; 5])], 1, "5 are given"),
+            ("test-short", vec![EncoderParameter::new("table", [2, 3], vec![0.0; 5])], 1, "5 are given"),
             ("test-empty", vec![zeros("table", 0)], 1, "is empty"),
             ("test-twice", vec![zeros("table", 1), zeros("table", 2)], 1, "listed twice"),
-            ("test-nan", vec![Parameter::from_fn("table", [4], || f32::NAN)], 1, "not finite"),
+            ("test-nan", vec![EncoderParameter::from_fn("table", [4], || f32::NAN)], 1, "not finite"),
             ("test-none", vec![zeros("table", 1)], 0, "0 features"),
         ];
         for (name, parameters, features, words) in cases {
@@ -236,7 +236,7 @@ mod tests {
     #[should_panic(expected = "no parameter \"wieght\" of 2 dimensions; it lists weight [3, 2]")]
     fn a_parameter_that_is_not_listed_is_named() {
         let device = DeviceName::all()[0].open().unwrap();
-        let parameters = Parameters::start(vec![Parameter::from_fn("weight", [3, 2], || 0.0)], &device);
+        let parameters = Parameters::start(vec![EncoderParameter::from_fn("weight", [3, 2], || 0.0)], &device);
         let _ = parameters.get::<2>("wieght");
     }
 }

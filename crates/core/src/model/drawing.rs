@@ -8,17 +8,17 @@ use glam::DVec3;
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::path::Path;
-use volseggs_kernels::Camera;
+use volseggs_kernels::PinholeCamera;
 
 /// A trained model: draws any view at any time.
 pub trait Model: Debug + Send {
     /// The view of `camera` at `time` in [0, 1], `[H, W, 4]` on the model's device: colour over [`Model::background`]
     /// and alpha, both in [0, 1] or slightly beyond; alpha is 1 everywhere if the method does not provide it. Without
     /// gradients. A view too large for the device to process at once is drawn in parts.
-    fn image(&self, camera: Camera, time: f32) -> Tensor<3>;
+    fn image(&self, camera: PinholeCamera, time: f32) -> Tensor<3>;
 
     /// The same view on the host, row-major.
-    fn render(&self, camera: Camera, time: f32) -> Vec<f32> {
+    fn render(&self, camera: PinholeCamera, time: f32) -> Vec<f32> {
         to_vec(self.image(camera, time))
     }
 
@@ -68,7 +68,7 @@ pub struct Counts {
 }
 
 impl Model for Scene {
-    fn image(&self, camera: Camera, time: f32) -> Tensor<3> {
+    fn image(&self, camera: PinholeCamera, time: f32) -> Tensor<3> {
         self.drawn(camera, time)
     }
 

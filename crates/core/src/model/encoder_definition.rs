@@ -6,7 +6,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 
 /// A learnt tensor of an encoder with its initial values.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Parameter {
+pub struct EncoderParameter {
     /// Its name, unique within the encoder.
     pub name: String,
     /// Extents, slowest first.
@@ -15,7 +15,7 @@ pub struct Parameter {
     pub start: Vec<f32>,
 }
 
-impl Parameter {
+impl EncoderParameter {
     /// Creates a parameter from its initial values, row-major.
     pub fn new(name: &str, shape: impl Into<Vec<usize>>, start: Vec<f32>) -> Self {
         Self { name: name.to_owned(), shape: shape.into(), start }
@@ -40,8 +40,8 @@ impl Parameters {
     }
 
     /// Parameters at their initial values, on a device: for testing a definition on its own.
-    pub fn start(parameters: Vec<Parameter>, device: &Device) -> Self {
-        let part = |p: Parameter| {
+    pub fn start(parameters: Vec<EncoderParameter>, device: &Device) -> Self {
+        let part = |p: EncoderParameter| {
             let len = p.start.len();
             (p.name, p.shape, Tensor::from_data(TensorData::new(p.start, [len]), device))
         };
@@ -76,7 +76,7 @@ pub trait EncoderDefinition: Send + Sync {
 
     /// The parameters at their initial values. `rng` depends on the run's seed alone. Called again when a scene is
     /// loaded, so names, shapes and order must follow from `config`.
-    fn parameters(&self, config: &ModelConfig, rng: &mut Rng) -> Vec<Parameter>;
+    fn parameters(&self, config: &ModelConfig, rng: &mut Rng) -> Vec<EncoderParameter>;
 
     /// Features `[N, features]` of points `[N, 3]`, in [-1, 1] within the box of the field (a Gaussian may drift out of
     /// it), at `time` in [0, 1]. Points are always finite: `speed.cull_visits`, which marks skipped Gaussians with NaN,

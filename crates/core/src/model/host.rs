@@ -56,7 +56,7 @@ pub struct HostGaussians {
 
 /// One attribute of all Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Column<'a> {
+pub struct AttributeColumn<'a> {
     /// Its name: that of the field, and of the parameter within `gaussians.` in files.
     pub name: &'static str,
     /// Numbers per Gaussian.
@@ -65,7 +65,7 @@ pub struct Column<'a> {
     pub values: &'a [f32],
 }
 
-impl Column<'_> {
+impl AttributeColumn<'_> {
     /// The numbers of one Gaussian `[width]`.
     ///
     /// # Panics
@@ -86,21 +86,22 @@ impl Column<'_> {
 impl HostGaussians {
     /// The attributes, in the order used by splatting; normals only with a shading, and the embedding last if there is
     /// one.
-    pub fn columns(&self) -> impl Iterator<Item = Column<'_>> {
-        let normals = self.shading.iter().map(|s| Column { name: NORMALS, width: 3, values: &s.normals });
-        let embedding = self.embedding.iter().map(|e| Column { name: EMBEDDING, width: e.width, values: &e.values });
+    pub fn columns(&self) -> impl Iterator<Item = AttributeColumn<'_>> {
+        let normals = self.shading.iter().map(|s| AttributeColumn { name: NORMALS, width: 3, values: &s.normals });
+        let embedding =
+            self.embedding.iter().map(|e| AttributeColumn { name: EMBEDDING, width: e.width, values: &e.values });
         self.common_columns().into_iter().chain(normals).chain(embedding)
     }
 
     /// The attributes that every Gaussian has, in the same order.
-    pub fn common_columns(&self) -> [Column<'_>; 5] {
+    pub fn common_columns(&self) -> [AttributeColumn<'_>; 5] {
         let [means, rotations, log_scales, opacity_logits, sh] = widths(self.sh_stride);
         [
-            Column { name: "means", width: means, values: &self.means },
-            Column { name: "rotations", width: rotations, values: &self.rotations },
-            Column { name: "log_scales", width: log_scales, values: &self.log_scales },
-            Column { name: "opacity_logits", width: opacity_logits, values: &self.opacity_logits },
-            Column { name: "sh", width: sh, values: &self.sh },
+            AttributeColumn { name: "means", width: means, values: &self.means },
+            AttributeColumn { name: "rotations", width: rotations, values: &self.rotations },
+            AttributeColumn { name: "log_scales", width: log_scales, values: &self.log_scales },
+            AttributeColumn { name: "opacity_logits", width: opacity_logits, values: &self.opacity_logits },
+            AttributeColumn { name: "sh", width: sh, values: &self.sh },
         ]
     }
 
@@ -125,7 +126,7 @@ impl HostGaussians {
     }
 
     /// New Gaussians with the same attributes, each column computed by `f` from the old one.
-    pub fn map(&self, f: impl FnMut(Column<'_>) -> Vec<f32>) -> Self {
+    pub fn map(&self, f: impl FnMut(AttributeColumn<'_>) -> Vec<f32>) -> Self {
         let mut columns = self.columns().map(f);
         // in the order of `columns`, which yields as many
         let mut next = || columns.next().unwrap_or_default();
@@ -157,7 +158,7 @@ impl HostGaussians {
     }
 
     /// The first attribute that does not hold N rows of its width, as `(column, expected number of values)`.
-    pub fn mismatched_column(&self) -> Option<(Column<'_>, usize)> {
+    pub fn mismatched_column(&self) -> Option<(AttributeColumn<'_>, usize)> {
         let n = self.len();
         self.columns().map(|c| (c, n * c.width)).find(|(c, wanted)| c.values.len() != *wanted)
     }

@@ -16,14 +16,14 @@ use std::collections::BTreeMap;
 pub(super) const RANGE: &str = ".range";
 /// A tensor as stored in the file.
 #[derive(Debug)]
-pub(super) struct Stored {
+pub(super) struct StoredTensor {
     pub name: String,
     pub dtype: Dtype,
     pub shape: Vec<usize>,
     pub bytes: Vec<u8>,
 }
 
-impl Stored {
+impl StoredTensor {
     pub fn view(&self) -> Result<TensorView<'_>, SafeTensorError> {
         TensorView::new(self.dtype, self.shape.clone(), &self.bytes)
     }
@@ -41,7 +41,7 @@ impl Stored {
 }
 
 /// Packs the tensors of a scene into as few bits as image quality allows.
-pub(super) fn pack(tensors: &BTreeMap<String, HostTensor>) -> Vec<Stored> {
+pub(super) fn pack(tensors: &BTreeMap<String, HostTensor>) -> Vec<StoredTensor> {
     let mut all = Vec::new();
     for (name, tensor) in tensors {
         let of_each = name.starts_with("gaussians.") && name != MATERIAL_NAME && !tensor.values.is_empty();
@@ -50,41 +50,41 @@ pub(super) fn pack(tensors: &BTreeMap<String, HostTensor>) -> Vec<Stored> {
             let (values, range) = fixed(name, tensor, if name == "gaussians.means" { 16 } else { 8 });
             all.extend([values, range]);
         } else if tensor.values.iter().all(|v| f16::from_f32(*v).is_finite()) {
-            all.push(Stored::half(name, tensor));
+            all.push(StoredTensor::half(name, tensor));
         } else {
-            all.push(Stored::full(name, tensor));
+            all.push(StoredTensor::full(name, tensor));
         }
     }
     all
 }
 
 /// A tensor in fixed point of `bits` bits, and its ranges.
-fn fixed(name: &str, tensor: &HostTensor, bits: u32) -> (Stored, Stored) {
+fn fixed(name: &str, tensor: &HostTensor, bits: u32) -> (StoredTensor, StoredTensor) {
     let rows = tensor.shape.first().copied().unwrap_or(1).max(1);
     let columns = tensor.values.len() / rows;
     let column = |c: usize| tensor.values.iter().skip(c).step_by(columns).copied();
     let max_step = (1u32 << bits) - 1;
-    let ranges: Vec<Range> = (0..columns).map(|c| Range::of(column(c), max_step)).collect();
+    let ranges: Vec<FixedPointRange> = (0..columns).map(|c| FixedPointRange::of(column(c), max_step)).collect();
     let steps = tensor.values.iter().enumerate().map(|(i, v)| ranges[i % columns].step_of(*v));
     let (dtype, bytes) = match bits {
         8 => (Dtype::U8, steps.map(|q| q as u8).collect()),
         _ => (Dtype::U16, steps.flat_map(|q| (q as u16).to_le_bytes()).collect()),
     };
-    let values = Stored { name: name.to_owned(), dtype, shape: tensor.shape.clone(), bytes };
+    let values = StoredTensor { name: name.to_owned(), dtype, shape: tensor.shape.clone(), bytes };
     let numbers = ranges.iter().map(|r| r.lowest).chain(ranges.iter().map(|r| r.step)).collect();
     let range = HostTensor { shape: vec![2, columns], values: numbers };
-    (values, Stored::full(&format!("{name}{RANGE}"), &range))
+    (values, StoredTensor::full(&format!("{name}{RANGE}"), &range))
 }
 
 /// The mapping from fixed-point steps to values.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Range {
+struct FixedPointRange {
     lowest: f32,
     step: f32,
     max_step: u32,
 }
 
-impl Range {
+impl FixedPointRange {
     /// Spans the lowest to the highest value. Excluding outliers would make the steps of the others finer, but cost
     /// more than it gains: in squared error a value clipped by D weighs as much as rounding to steps of D / 255 does in
     /// 780,000 others.
@@ -220,7 +220,7 @@ mod tests {
             values in prop::collection::vec(-1e30f32..1e30, 1..300),
             max_step in prop::sample::select(vec![255u32, 65_535]),
         ) {
-            let range = Range::of(values.iter().copied(), max_step);
+            let range = FixedPointRange::of(values.iter().copied(), max_step);
             prop_assert!(range.step.is_finite() && range.step >= 0.0);
             for v in values {
                 let q = range.step_of(v);

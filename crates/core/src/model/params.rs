@@ -27,9 +27,9 @@ pub fn to_vec<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
 
 /// The path of module names that a visitor has entered.
 #[derive(Default)]
-pub struct Path(Vec<String>);
+pub struct ParameterPath(Vec<String>);
 
-impl Path {
+impl ParameterPath {
     /// Enters a module.
     pub fn enter(&mut self, name: &str) {
         self.0.push(name.to_owned());
@@ -47,7 +47,7 @@ impl Path {
 /// All float parameters of a module, by name.
 pub fn collect<M: Module>(module: &M) -> BTreeMap<String, HostTensor> {
     struct Collector {
-        path: Path,
+        path: ParameterPath,
         out: BTreeMap<String, HostTensor>,
     }
     impl ModuleVisitor for Collector {
@@ -62,7 +62,7 @@ pub fn collect<M: Module>(module: &M) -> BTreeMap<String, HostTensor> {
             self.out.insert(self.path.name(), tensor);
         }
     }
-    let mut collector = Collector { path: Path::default(), out: BTreeMap::new() };
+    let mut collector = Collector { path: ParameterPath::default(), out: BTreeMap::new() };
     module.visit(&mut collector);
     collector.out
 }
@@ -70,7 +70,7 @@ pub fn collect<M: Module>(module: &M) -> BTreeMap<String, HostTensor> {
 /// Number of values of each float parameter of a module, by name.
 pub fn sizes<M: Module>(module: &M) -> BTreeMap<String, usize> {
     struct Sizes {
-        path: Path,
+        path: ParameterPath,
         out: BTreeMap<String, usize>,
     }
     impl ModuleVisitor for Sizes {
@@ -84,7 +84,7 @@ pub fn sizes<M: Module>(module: &M) -> BTreeMap<String, usize> {
             self.out.insert(self.path.name(), param.dims().iter().product());
         }
     }
-    let mut sizes = Sizes { path: Path::default(), out: BTreeMap::new() };
+    let mut sizes = Sizes { path: ParameterPath::default(), out: BTreeMap::new() };
     module.visit(&mut sizes);
     sizes.out
 }
@@ -114,7 +114,7 @@ pub enum FitError {
 /// A missing tensor or a shape that does not fit.
 pub fn load<M: Module>(module: M, tensors: &BTreeMap<String, HostTensor>) -> Result<M, FitError> {
     struct Loader<'a> {
-        path: Path,
+        path: ParameterPath,
         tensors: &'a BTreeMap<String, HostTensor>,
         error: Option<FitError>,
     }
@@ -144,7 +144,7 @@ pub fn load<M: Module>(module: M, tensors: &BTreeMap<String, HostTensor>) -> Res
             Param::from_tensor(Tensor::from_data(data, &device))
         }
     }
-    let mut loader = Loader { path: Path::default(), tensors, error: None };
+    let mut loader = Loader { path: ParameterPath::default(), tensors, error: None };
     let module = module.map(&mut loader);
     loader.error.map_or(Ok(module), Err)
 }

@@ -12,7 +12,7 @@ use burn::tensor::{Device, Int, Tensor};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use volseggs_kernels::Camera;
+use volseggs_kernels::PinholeCamera;
 use volseggs_kernels::splat::{SplatInputs, splat};
 
 /// The properties of a scene that its tensors do not show.
@@ -78,7 +78,7 @@ pub struct Scene {
 
 /// A rendered view on a device.
 #[derive(Debug)]
-pub struct View {
+pub struct RenderedView {
     /// Colour over the background and alpha `[H, W, 4]`.
     pub image: Tensor<3>,
     /// Radii on screen `[N]`, 0 for Gaussians not drawn.
@@ -126,10 +126,16 @@ impl Scene {
     }
 
     /// Draws Gaussians already evaluated at their time.
-    pub fn draw(&self, at: SplatInputs, camera: Camera, background: [f32; 3], offsets: Option<Tensor<2>>) -> View {
+    pub fn draw(
+        &self,
+        at: SplatInputs,
+        camera: PinholeCamera,
+        background: [f32; 3],
+        offsets: Option<Tensor<2>>,
+    ) -> RenderedView {
         let inputs = SplatInputs { screen_offsets: offsets, ..at };
         let out = splat(inputs, Rendering { background, ..self.spec.rendering() }.seen_by(camera));
-        View { image: out.image, radii: out.radii }
+        RenderedView { image: out.image, radii: out.radii }
     }
 
     /// The Gaussians at `time` in [0, 1] as input for splatting, without gradients: an autodiff tape would hold the
@@ -143,12 +149,12 @@ impl Scene {
     }
 
     /// Renders `[H, W, 4]` (colour over the scene's background, and alpha) to the host.
-    pub fn render(&self, camera: Camera, time: f32) -> Vec<f32> {
+    pub fn render(&self, camera: PinholeCamera, time: f32) -> Vec<f32> {
         params::to_vec(self.drawn(camera, time))
     }
 
     /// The image of [`Scene::render`], on the device.
-    pub(super) fn drawn(&self, camera: Camera, time: f32) -> Tensor<3> {
+    pub(super) fn drawn(&self, camera: PinholeCamera, time: f32) -> Tensor<3> {
         splat(self.inputs_at(time), self.spec.rendering().seen_by(camera)).image
     }
 

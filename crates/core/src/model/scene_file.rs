@@ -2,7 +2,7 @@
 
 use super::d3dgs;
 use super::host::HostGaussians;
-use super::packed::{self, Stored};
+use super::packed::{self, StoredTensor};
 use super::params::{self, FitError, HostTensor};
 use super::size::{self, check_model};
 use super::{Scene, SceneSpec};
@@ -152,11 +152,11 @@ pub fn write_tensors(
     tensors: &BTreeMap<String, HostTensor>,
     metadata: Option<(&str, String)>,
 ) -> Result<(), SceneError> {
-    let all: Vec<Stored> = tensors.iter().map(|(name, tensor)| Stored::full(name, tensor)).collect();
+    let all: Vec<StoredTensor> = tensors.iter().map(|(name, tensor)| StoredTensor::full(name, tensor)).collect();
     write_stored(path, &all, metadata)
 }
 
-fn write_stored(path: &Path, all: &[Stored], metadata: Option<(&str, String)>) -> Result<(), SceneError> {
+fn write_stored(path: &Path, all: &[StoredTensor], metadata: Option<(&str, String)>) -> Result<(), SceneError> {
     let views = all
         .iter()
         .map(|tensor| Ok((tensor.name.as_str(), tensor.view()?)))

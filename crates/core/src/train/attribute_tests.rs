@@ -2,7 +2,7 @@
 //! and what new Gaussians receive.
 
 use super::Trainer;
-use super::checkpoint::{self, State};
+use super::checkpoint::{self, CheckpointState};
 use crate::config::preset;
 use crate::config::types::{Appearance, Config, ShBands, TimeCurve};
 use crate::data::Dataset;
@@ -109,7 +109,8 @@ fn a_resumed_run_has_the_bits_of_one_that_was_not_stopped() {
     let mut whole = Trainer::new(config.clone(), &data, &device()).unwrap();
     stepped(&mut whole, &data, 11);
     let (step, initial, dataset) = (11, whole.initial, data.fingerprint());
-    let state = State { step, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0, packed: false };
+    let state =
+        CheckpointState { step, initial, dataset: dataset.clone(), config: text.clone(), seconds: 0.0, packed: false };
     let path = checkpoint::save(folder.path(), &whole, &state, 1).unwrap();
     stepped(&mut whole, &data, 13);
     let mut resumed = Trainer::new(config, &data, &device()).unwrap();

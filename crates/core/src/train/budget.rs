@@ -5,7 +5,7 @@ use super::TrainError;
 use super::densify::rule_of;
 use crate::config::types::{Config, D3dgsConfig};
 use crate::data::Split;
-use crate::memory::Budget;
+use crate::memory::MemoryBudget;
 use crate::model::size::ModelSizes;
 
 /// Bytes per value.
@@ -49,7 +49,7 @@ pub fn check_memory(
     sizes: fn(&Config) -> ModelSizes,
     views: ViewSizes,
     on_gpu: bool,
-    budget: Budget,
+    budget: MemoryBudget,
 ) -> Result<(), TrainError> {
     let need = |config: &Config| needed(config, sizes(config), views, on_gpu);
     let bytes = need(config);
@@ -89,10 +89,10 @@ pub fn max_gaussians(config: &Config) -> u128 {
 }
 
 /// A key and an accessor of its value.
-type Key = (&'static str, fn(&mut Config) -> &mut usize);
+type BudgetKey = (&'static str, fn(&mut Config) -> &mut usize);
 
 /// The keys that determine the sizes.
-const KEYS: [Key; 13] = [
+const KEYS: [BudgetKey; 13] = [
     ("init.points", |c| &mut c.init.points),
     ("densify.budget", |c| &mut c.densify.budget),
     ("densify.warmup_budget", |c| &mut c.densify.warmup_budget),
@@ -111,7 +111,7 @@ const KEYS: [Key; 13] = [
 /// Returns the key, with its value, whose return to its default would save most; the number of Gaussians if none would.
 fn largest(config: &Config, need: impl Fn(&Config) -> u128) -> String {
     let mut defaults = Config::default();
-    let saved = |(name, place): &Key| {
+    let saved = |(name, place): &BudgetKey| {
         let (mut other, default) = (config.clone(), *place(&mut defaults));
         let value = *place(&mut other);
         *place(&mut other) = value.min(default);
@@ -139,14 +139,17 @@ mod tests {
     }
 
     fn refusal(config: &Config, on_gpu: bool) -> String {
-        check_memory(config, scene_sizes, VIEWS, on_gpu, Budget::from_bytes(8_000_000_000)).unwrap_err().to_string()
+        check_memory(config, scene_sizes, VIEWS, on_gpu, MemoryBudget::from_bytes(8_000_000_000))
+            .unwrap_err()
+            .to_string()
     }
 
     #[test]
     fn the_default_fits_where_it_runs() {
         let bytes = needed_by(&preset("best").unwrap(), false);
         assert!((300_000_000..2_000_000_000).contains(&bytes), "{bytes}");
-        check_memory(&preset("best").unwrap(), scene_sizes, VIEWS, false, Budget::from_bytes(2_000_000_000)).unwrap();
+        check_memory(&preset("best").unwrap(), scene_sizes, VIEWS, false, MemoryBudget::from_bytes(2_000_000_000))
+            .unwrap();
         assert!(needed_by(&preset("best").unwrap(), true) < bytes / 3);
     }
 
@@ -201,7 +204,7 @@ mod tests {
         config.speed.coarse_steps = 1;
         config.model.sh_degree = usize::MAX;
         let views = ViewSizes { count: usize::MAX, pixels: usize::MAX };
-        assert!(check_memory(&config, scene_sizes, views, false, Budget::from_bytes(u64::MAX)).is_err());
+        assert!(check_memory(&config, scene_sizes, views, false, MemoryBudget::from_bytes(u64::MAX)).is_err());
     }
 
     #[test]

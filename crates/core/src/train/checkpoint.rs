@@ -3,8 +3,8 @@
 //! `checkpoints/step-NNNNNN/{scene,optimizer}.safetensors` and `state.json`, written to a temporary folder and renamed,
 //! so that a checkpoint is either complete or absent.
 
-use super::resume::{self, Change};
-use super::{Saved, Training};
+use super::resume::{self, ChangedKey};
+use super::{SavedTraining, Training};
 use crate::files::{AtomicDir, FolderKind, ReplaceError, RunPaths, remove_whole, write_atomic};
 use crate::model::Scene;
 use crate::model::scene_file::{SceneError, read_tensors, refuse_not_finite, write_tensors};
@@ -55,7 +55,7 @@ pub enum CheckpointError {
         /// The checkpoint.
         path: PathBuf,
         /// The keys.
-        changes: Vec<Change>,
+        changes: Vec<ChangedKey>,
     },
     /// The state that only training needs is missing.
     #[error("{path}: is packed, without the state that training needs; resume the run that it was packed from")]
@@ -74,21 +74,21 @@ pub enum CheckpointError {
     Replace(#[from] ReplaceError),
 }
 
-fn listed(changes: &[Change]) -> String {
+fn listed(changes: &[ChangedKey]) -> String {
     changes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
 }
 
 /// The folder of a checkpoint.
 const KIND: FolderKind = FolderKind { what: "a checkpoint", markers: &[STATE], entries: &[RunPaths::SCENE, OPTIMIZER] };
 
-/// The file of everything but tensors, see [`State`].
+/// The file of everything but tensors, see [`CheckpointState`].
 const STATE: &str = "state.json";
 /// The file of the tensors that only training needs.
 const OPTIMIZER: &str = "optimizer.safetensors";
 
 /// Everything in a checkpoint but its tensors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct State {
+pub struct CheckpointState {
     /// Steps taken.
     pub step: usize,
     /// Primitives at the start of the run, see [`Training::first_primitives`].
@@ -234,7 +234,7 @@ fn set_aside(path: &Path) -> Result<(), CheckpointError> {
 ///
 /// # Errors
 /// If its file is missing or damaged.
-pub fn read_state(checkpoint: &Path) -> Result<State, CheckpointError> {
+pub fn read_state(checkpoint: &Path) -> Result<CheckpointState, CheckpointError> {
     let path = checkpoint.join(STATE);
     let bad = |e: &dyn std::fmt::Display| CheckpointError::File { path: path.clone(), reason: e.to_string() };
     let text = std::fs::read_to_string(&path).map_err(|e| bad(&e))?;
@@ -247,7 +247,7 @@ pub fn read_state(checkpoint: &Path) -> Result<State, CheckpointError> {
 /// # Errors
 /// If a file cannot be read or written.
 pub fn save_packed(run: &Path, scene: &Scene, checkpoint: &Path) -> Result<PathBuf, CheckpointError> {
-    let state = State { packed: true, ..read_state(checkpoint)? };
+    let state = CheckpointState { packed: true, ..read_state(checkpoint)? };
     let path = RunPaths(run).checkpoints().join(folder_name(state.step));
     let bad = |e: &dyn std::fmt::Display| CheckpointError::File { path: path.clone(), reason: e.to_string() };
     std::fs::create_dir_all(&path).map_err(|e| bad(&e))?;
@@ -262,7 +262,12 @@ pub fn save_packed(run: &Path, scene: &Scene, checkpoint: &Path) -> Result<PathB
 ///
 /// # Errors
 /// If a file cannot be written, or a moment is not finite; nothing incomplete is left under a final name.
-pub fn save(run: &Path, training: &dyn Training, state: &State, keep: usize) -> Result<PathBuf, CheckpointError> {
+pub fn save(
+    run: &Path,
+    training: &dyn Training,
+    state: &CheckpointState,
+    keep: usize,
+) -> Result<PathBuf, CheckpointError> {
     let path = RunPaths(run).checkpoints().join(folder_name(state.step));
     let file_error = |e: &dyn std::fmt::Display| CheckpointError::File { path: path.clone(), reason: e.to_string() };
     std::fs::create_dir_all(RunPaths(run).checkpoints()).map_err(|e| file_error(&e))?;
@@ -296,7 +301,7 @@ pub fn restore(
     training: &mut dyn Training,
     config: &str,
     dataset: &str,
-) -> Result<(State, Vec<Change>), CheckpointError> {
+) -> Result<(CheckpointState, Vec<ChangedKey>), CheckpointError> {
     restore_whole(path, training, config, dataset).map_err(|e| {
         let reason = match &e {
             CheckpointError::File { .. } => e.to_string(),
@@ -312,7 +317,7 @@ fn restore_whole(
     training: &mut dyn Training,
     config: &str,
     dataset: &str,
-) -> Result<(State, Vec<Change>), CheckpointError> {
+) -> Result<(CheckpointState, Vec<ChangedKey>), CheckpointError> {
     let state = read_state(path)?;
     let bad = |reason: String| CheckpointError::File { path: path.join(STATE), reason };
     if state.packed {
@@ -334,7 +339,7 @@ fn restore_whole(
         });
     }
     let (tensors, _) = read_tensors(&state_path)?;
-    training.resume(Saved {
+    training.resume(SavedTraining {
         model: &path.join(RunPaths::SCENE),
         state: tensors,
         state_path: &state_path,

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 /// What is due at a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Due {
+pub struct DueChanges {
     /// Number of Gaussians to grow to; `None` if none are added now.
     pub grow_to: Option<usize>,
     /// Whether transparent Gaussians are removed.
@@ -22,7 +22,7 @@ pub struct Due {
     pub reset: bool,
 }
 
-impl Due {
+impl DueChanges {
     /// Whether Gaussians are added.
     pub fn adds(&self) -> bool {
         self.grow_to.is_some()
@@ -39,7 +39,7 @@ pub struct Changes {
     /// The step of the run, from 0, after which they were due.
     pub step: usize,
     /// Which are added, removed or reset.
-    pub due: Due,
+    pub due: DueChanges,
     /// Whether the Gaussians are then sorted along a space-filling curve.
     pub sort: bool,
 }
@@ -58,7 +58,7 @@ impl PendingDensification {
         let step = std::mem::take(&mut self.0).then(|| steps.checked_sub(1))??;
         let sort = sorts_after(steps, config);
         let due = due(Stage::from_step(step, config), config, start);
-        (due != Due::default() || sort).then_some(Changes { step, due, sort })
+        (due != DueChanges::default() || sort).then_some(Changes { step, due, sort })
     }
 
     /// Returns what a checkpoint keeps.
@@ -82,12 +82,12 @@ pub fn sorts_after(steps: usize, config: &Config) -> bool {
 
 /// The steps of a stage, counted from 1, at which Gaussians may be added: after `from`, up to and including `until`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Span {
+pub(super) struct StepSpan {
     from: usize,
     until: usize,
 }
 
-impl Span {
+impl StepSpan {
     /// Returns the spans of warm-up and of the joint stage. They end before the last step of the run, after which
     /// nothing is applied any more.
     pub(super) fn per_stage(config: &Config) -> [Self; 2] {
@@ -117,9 +117,9 @@ impl Span {
 
 /// Returns what is due after the step of `stage`, for a run that started with `start` Gaussians; steps count from 1
 /// within their stage.
-fn due(stage: Stage, config: &Config, start: usize) -> Due {
+fn due(stage: Stage, config: &Config, start: usize) -> DueChanges {
     let d = &config.densify;
-    let [warmup, joint] = Span::per_stage(config);
+    let [warmup, joint] = StepSpan::per_stage(config);
     let (step, span) = match stage {
         Stage::Warmup(s) => (s + 1, warmup),
         Stage::Joint(s) => (s + 1, joint),
@@ -149,7 +149,7 @@ fn due(stage: Stage, config: &Config, start: usize) -> Due {
         && d.opacity_reset > 0
         && goes_on
         && (of_run == d.opacity_reset || of_run <= d.opacity_reset_until && of_run.is_multiple_of(d.opacity_reset));
-    Due {
+    DueChanges {
         grow_to,
         prune: prunes && d.prune_opacity > 0.0,
         prune_large: prunes && d.prune_size > 0.0 && was_reset,
@@ -161,7 +161,7 @@ fn due(stage: Stage, config: &Config, start: usize) -> Due {
 /// if warm-up has a budget of its own.
 fn line(stage: Stage, config: &Config, start: usize) -> usize {
     let d = &config.densify;
-    let [warmup, joint] = Span::per_stage(config);
+    let [warmup, joint] = StepSpan::per_stage(config);
     let (from, to, done, steps) = match (stage, d.warmup_budget) {
         (Stage::Warmup(s), 0) => (start, d.budget, warmup.done(s + 1), warmup.steps() + joint.steps()),
         (Stage::Joint(s), 0) => (start, d.budget, warmup.steps() + joint.done(s + 1), warmup.steps() + joint.steps()),
@@ -180,12 +180,12 @@ fn line(stage: Stage, config: &Config, start: usize) -> usize {
 mod tests {
     use super::*;
     use crate::config::layers::Layers;
-    use crate::config::sections::Section;
+    use crate::config::sections::ConfigSection;
     use crate::config::types::D3dgsConfig;
     use crate::config::{PRESETS, preset};
 
     /// Returns the warm-up steps, counted from 1, at which `what` is due.
-    fn warmup_steps(config: &Config, what: impl Fn(Due) -> bool) -> Vec<usize> {
+    fn warmup_steps(config: &Config, what: impl Fn(DueChanges) -> bool) -> Vec<usize> {
         (1..=config.stages.warmup_steps).filter(|s| what(due(Stage::Warmup(s - 1), config, 100))).collect()
     }
 
@@ -200,7 +200,7 @@ mod tests {
         let config = preset("best").unwrap();
         let last = config.densify.joint_until - 1;
         assert_eq!(due(Stage::Joint(last), &config, 50_000).grow_to, Some(config.densify.budget));
-        assert_eq!(due(Stage::Joint(last + 1), &config, 50_000), Due::default());
+        assert_eq!(due(Stage::Joint(last + 1), &config, 50_000), DueChanges::default());
         let first = due(Stage::Warmup(399), &config, 50_000).grow_to.unwrap();
         assert!((50_000..60_000).contains(&first), "{first}");
     }
@@ -227,7 +227,7 @@ mod tests {
         let mut config = preset("best").unwrap();
         config.stages.joint_steps = 4000;
         let joint = |step: usize| due(Stage::Joint(step - 1), &config, 100);
-        assert!(joint(3500).prune && joint(4000) == Due::default());
+        assert!(joint(3500).prune && joint(4000) == DueChanges::default());
         assert_eq!(joint(3999).grow_to, Some(config.densify.budget), "with one step left to train what is added");
         (config.stages.warmup_steps, config.stages.joint_steps) = (1000, 0);
         assert_eq!(warmup_steps(&config, |d| d.prune), [500]);
@@ -238,12 +238,12 @@ mod tests {
         let mut config = preset("best").unwrap();
         (config.densify.mode, config.speed.sort_every) = ("off".into(), 100);
         (config.densify.prune_opacity, config.densify.opacity_reset) = (0.0, 250);
-        let reset = Due { reset: true, ..Due::default() };
+        let reset = DueChanges { reset: true, ..DueChanges::default() };
         let mut pending = PendingDensification::default();
         assert_eq!(pending.take(0, &config, 100), None, "no step has been taken");
         for (steps, expected) in [
             (99, None),
-            (100, Some(Changes { step: 99, due: Due::default(), sort: true })),
+            (100, Some(Changes { step: 99, due: DueChanges::default(), sort: true })),
             (250, Some(Changes { step: 249, due: reset, sort: false })),
         ] {
             assert_eq!(pending.take(steps, &config, 100), None);
@@ -307,13 +307,15 @@ mod tests {
 
     #[test]
     fn resets_may_go_on_in_the_joint_stage_counted_over_the_run() {
-        Section::new::<D3dgsConfig>().add();
+        ConfigSection::new::<D3dgsConfig>().add();
         let d3dgs = Layers::new(PRESETS).source("../../configs/methods/d3dgs.toml");
         let config = d3dgs.resolve::<Config>().unwrap().value;
         let steps = config.stages.warmup_steps + config.stages.joint_steps;
         let run = (1..=steps).map(|step| (step, due(Stage::from_step(step - 1, &config), &config, 100)));
-        let run: Vec<(usize, Due)> = run.collect();
-        let at = |what: fn(&Due) -> bool| run.iter().filter(|(_, due)| what(due)).map(|(s, _)| *s).collect::<Vec<_>>();
+        let run: Vec<(usize, DueChanges)> = run.collect();
+        let at = |what: fn(&DueChanges) -> bool| {
+            run.iter().filter(|(_, due)| what(due)).map(|(s, _)| *s).collect::<Vec<_>>()
+        };
         assert_eq!(at(|d| d.reset), [3000, 6000, 9000, 12_000], "as 3DGS, but for step 500 on white");
         let added = at(|d| d.grow_to.is_some());
         assert_eq!((added.first(), added.last(), added.len()), (Some(&600), Some(&14_900), 144));

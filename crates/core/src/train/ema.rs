@@ -4,8 +4,8 @@
 //! all views (Polyak and Juditsky 1992). Steps continue from the parameters themselves, so the average changes none of
 //! them.
 
-use super::densify::{Row, apply};
-use crate::model::params::{self, HostTensor, Path};
+use super::densify::{RowSource, apply};
+use crate::model::params::{self, HostTensor, ParameterPath};
 use crate::model::{Gaussians, Scene};
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::Tensor;
@@ -62,14 +62,14 @@ impl Ema {
         let updates = (updates + 1).min(WARMUP_DIVISOR * self.window.div_ceil(EVERY));
         let weight = 1.0 / updates.div_ceil(WARMUP_DIVISOR) as f32;
         let spec = trained.spec.clone();
-        let mut blend = Blend { path: Path::default(), values: handles(&trained), weight };
+        let mut blend = Blend { path: ParameterPath::default(), values: handles(&trained), weight };
         drop(trained);
         let mean = Module::map(mean, &mut blend);
         self.mean = Some((Scene { spec, ..mean }, updates));
     }
 
     /// Reorders its Gaussians by `rows`, which keep all of them.
-    pub(super) fn rearrange(&mut self, rows: &[Row]) {
+    pub(super) fn rearrange(&mut self, rows: &[RowSource]) {
         if let Some((scene, _)) = &mut self.mean {
             let device = scene.gaussians.means.val().device();
             let moved = apply(rows, &scene.gaussians.to_host(), 0, 0);
@@ -120,7 +120,7 @@ impl Ema {
 /// Returns the parameters of a scene by name, flat.
 fn handles(scene: &Scene) -> BTreeMap<String, Tensor<1>> {
     struct Handles {
-        path: Path,
+        path: ParameterPath,
         out: BTreeMap<String, Tensor<1>>,
     }
     impl ModuleVisitor for Handles {
@@ -136,14 +136,14 @@ fn handles(scene: &Scene) -> BTreeMap<String, Tensor<1>> {
             self.out.insert(self.path.name(), value.reshape([count]));
         }
     }
-    let mut handles = Handles { path: Path::default(), out: BTreeMap::new() };
+    let mut handles = Handles { path: ParameterPath::default(), out: BTreeMap::new() };
     scene.visit(&mut handles);
     handles.out
 }
 
 /// Moves each parameter towards the value of the same name.
 struct Blend {
-    path: Path,
+    path: ParameterPath,
     values: BTreeMap<String, Tensor<1>>,
     weight: f32,
 }
@@ -254,7 +254,7 @@ mod tests {
         let mut average = Ema::new(100);
         average.update(10, &start);
         let n = start.gaussians.count();
-        let rows: Vec<Row> = (0..n).rev().map(Row::Keep).collect();
+        let rows: Vec<RowSource> = (0..n).rev().map(RowSource::Keep).collect();
         average.rearrange(&rows);
         let flat = |scene: &Scene| params::to_vec(scene.gaussians.means.val());
         let reversed: Vec<f32> = flat(&start).chunks(3).rev().flatten().copied().collect();

@@ -3,7 +3,7 @@
 use super::checkpoint::CheckpointError;
 use super::densify::Statistics;
 use super::due::PendingDensification;
-use super::{InPlace, Saved, StepReport, TrainError, Trainer, Training};
+use super::{InPlace, SavedTraining, StepReport, TrainError, Trainer, Training};
 use crate::data::Split;
 use crate::model::params::{self, HostTensor};
 use crate::model::{Model, Scene};
@@ -35,7 +35,7 @@ impl Training for Trainer {
         tensors
     }
 
-    fn resume(&mut self, from: Saved<'_>) -> Result<(), CheckpointError> {
+    fn resume(&mut self, from: SavedTraining<'_>) -> Result<(), CheckpointError> {
         let bad = |reason: String| CheckpointError::File { path: from.state_path.into(), reason };
         let device = self.device().clone();
         let scene = self.ema.load(Scene::load(from.model, &device)?, &from.state).map_err(bad)?;

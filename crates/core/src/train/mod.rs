@@ -64,4 +64,4 @@ pub use in_place::InPlace;
 pub use open::{open_dataset, open_measured, open_trained, trained_times};
 pub use report::{StepReport, StepTimes, timed};
 pub use trainer::Trainer;
-pub use training::{Saved, Training};
+pub use training::{SavedTraining, Training};

@@ -32,7 +32,7 @@ pub struct RunProgress<'a> {
 
 /// What a training does next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Next {
+pub enum TrainingAction {
     /// Takes the next step.
     Continue,
     /// Waits; the observer is asked again.
@@ -43,5 +43,5 @@ pub enum Next {
 pub trait Observer {
     /// Called before the first step, after every step, and repeatedly during a pause; the training waits for it. After
     /// the last step there is no pause.
-    fn on_step(&mut self, now: &RunProgress<'_>) -> Next;
+    fn on_step(&mut self, now: &RunProgress<'_>) -> TrainingAction;
 }

@@ -1,7 +1,7 @@
 //! Adam over a module's parameters by name, with moments that can follow Gaussians as they are added and removed.
 
 use super::{InPlace, TrainError};
-use crate::model::params::{HostTensor, Path, to_vec};
+use crate::model::params::{HostTensor, ParameterPath, to_vec};
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use std::collections::BTreeMap;
@@ -9,7 +9,7 @@ use volseggs_kernels::adam::{AdamStep, AdamTensors, LrPattern, NonFinite, adam};
 
 /// First and second moment of one parameter, flat, and the number of steps taken.
 #[derive(Clone, Debug)]
-struct Moments {
+struct AdamMoments {
     first: Tensor<1>,
     second: Tensor<1>,
     steps: u64,
@@ -48,7 +48,7 @@ impl std::fmt::Display for NotFinite {
 #[derive(Debug)]
 pub struct Optimizer {
     constants: AdamConstants,
-    moments: BTreeMap<String, Moments>,
+    moments: BTreeMap<String, AdamMoments>,
 }
 
 impl Optimizer {
@@ -66,7 +66,7 @@ impl Optimizer {
         gradients: &mut Gradients,
         rate: impl Fn(&str) -> Option<f64>,
     ) -> (M, Option<NotFinite>) {
-        let mut stepper = Stepper { path: Path::default(), optimizer: self, gradients, rate, bad: None };
+        let mut stepper = Stepper { path: ParameterPath::default(), optimizer: self, gradients, rate, bad: None };
         let module = module.map(&mut stepper);
         (module, stepper.bad)
     }
@@ -143,7 +143,7 @@ impl Optimizer {
             if [first.values.len(), second.values.len()] != [size; 2] {
                 return Err(format!("the moments of {name} have {} values, expected {size}", first.values.len()));
             }
-            let moments = Moments { first: tensor(first), second: tensor(second), steps: high << 24 | low };
+            let moments = AdamMoments { first: tensor(first), second: tensor(second), steps: high << 24 | low };
             self.moments.insert(name.to_owned(), moments);
         }
         Ok(())
@@ -154,7 +154,7 @@ impl Optimizer {
 const HALF: f32 = 16_777_216.0;
 
 struct Stepper<'a, F> {
-    path: Path,
+    path: ParameterPath,
     optimizer: &'a mut Optimizer,
     gradients: &'a mut Gradients,
     rate: F,
@@ -179,7 +179,7 @@ impl<F: Fn(&str) -> Option<f64>> ModuleMapper for Stepper<'_, F> {
         let len: usize = dims.iter().product();
         let value = param.into_value().inner().reshape([len]);
         let device = value.device();
-        let moments = self.optimizer.moments.remove(&name).unwrap_or_else(|| Moments {
+        let moments = self.optimizer.moments.remove(&name).unwrap_or_else(|| AdamMoments {
             first: Tensor::zeros([len], &device),
             second: Tensor::zeros([len], &device),
             steps: 0,
@@ -206,7 +206,7 @@ impl<F: Fn(&str) -> Option<f64>> ModuleMapper for Stepper<'_, F> {
         if let Some(what) = bad {
             self.bad = Some(NotFinite { name: name.clone(), what });
         }
-        self.optimizer.moments.insert(name, Moments { first: out.moment_1, second: out.moment_2, steps });
+        self.optimizer.moments.insert(name, AdamMoments { first: out.moment_1, second: out.moment_2, steps });
         Param::from_tensor(Tensor::from_inner(out.param.reshape(dims)))
     }
 }

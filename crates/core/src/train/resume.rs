@@ -20,7 +20,7 @@ pub(super) const AVERAGE: &str = "optim.average";
 
 /// A key whose value differs from the checkpoint's.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Change {
+pub struct ChangedKey {
     /// The key.
     pub key: String,
     /// Its value in the checkpoint.
@@ -31,7 +31,7 @@ pub struct Change {
     pub refused: Option<String>,
 }
 
-impl fmt::Display for Change {
+impl fmt::Display for ChangedKey {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { key, was, now, refused } = self;
         write!(f, "{key} was {was} and is {now} now")?;
@@ -44,7 +44,7 @@ impl fmt::Display for Change {
 ///
 /// # Errors
 /// If the checkpoint's configuration cannot be read.
-pub fn changes(was: &str, now: &str, step: usize) -> Result<(Vec<Change>, Vec<Change>), String> {
+pub fn changes(was: &str, now: &str, step: usize) -> Result<(Vec<ChangedKey>, Vec<ChangedKey>), String> {
     let (old, new) = (flat(was)?, flat(now)?);
     let shown = |v: Option<&Value>| v.map_or_else(|| "not set".to_owned(), ToString::to_string);
     let keys: std::collections::BTreeSet<&String> = old.keys().chain(new.keys()).collect();
@@ -55,7 +55,7 @@ pub fn changes(was: &str, now: &str, step: usize) -> Result<(Vec<Change>, Vec<Ch
             continue;
         }
         let refused = refusal(key, before, after, step);
-        let change = Change { key: key.clone(), was: shown(before), now: shown(after), refused };
+        let change = ChangedKey { key: key.clone(), was: shown(before), now: shown(after), refused };
         if change.refused.is_none() { found.0.push(change) } else { found.1.push(change) }
     }
     Ok(found)
@@ -83,7 +83,7 @@ fn flat(text: &str) -> Result<BTreeMap<String, Value>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::sections::{Section, Settings};
+    use crate::config::sections::{ConfigSection, Settings};
     use crate::config::types::Config;
     use schemars::JsonSchema;
     use serde::{Deserialize, Serialize};
@@ -109,7 +109,7 @@ mod tests {
     fn logs_and_length_may_change_and_other_changes_are_named() {
         let base = text(|_| ());
         assert_eq!(changes(&base, &base, 5).unwrap(), (Vec::new(), Vec::new()));
-        Section::new::<Moved>().add();
+        ConfigSection::new::<Moved>().add();
         let (moved, refused) = changes("[test-moved]\nfile = 'a'", "[test-moved]\nfile = 'b'", 5).unwrap();
         assert_eq!((moved[0].key.as_str(), refused.len()), ("test-moved.file", 0), "the file may have moved");
         let more = text(|c| {

@@ -1,14 +1,14 @@
 //! Ordering of Gaussians along a space-filling curve, so that neighbours in space are neighbours in memory: lookups
 //! into the field's planes, in order of depth or of position, then hit the cache.
 
-use super::densify::Row;
+use super::densify::RowSource;
 
 /// Bits per axis; 21 would fill 63 of 64 bits, 10 suffice for cells of a thousandth of the scene.
 const BITS: u32 = 10;
 
 /// Returns the Gaussians in Morton order of their means `[N, 3]` over their bounding box. Ties keep their order, as do
 /// non-finite means, which come last.
-pub fn curve_order(means: &[f32]) -> Vec<Row> {
+pub fn curve_order(means: &[f32]) -> Vec<RowSource> {
     let finite = |p: &[f32]| p.iter().all(|v| v.is_finite());
     let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     for p in means.chunks_exact(3).filter(|p| finite(p)) {
@@ -27,7 +27,7 @@ pub fn curve_order(means: &[f32]) -> Vec<Row> {
     };
     let mut order: Vec<(u32, usize)> = means.chunks_exact(3).map(code).zip(0..).collect();
     order.sort_unstable();
-    order.into_iter().map(|(_, i)| Row::Keep(i)).collect()
+    order.into_iter().map(|(_, i)| RowSource::Keep(i)).collect()
 }
 
 /// Spreads the bits of `v`, two zeros after each.
@@ -41,7 +41,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn sources(means: &[f32]) -> Vec<usize> {
-        curve_order(means).into_iter().map(Row::source).collect()
+        curve_order(means).into_iter().map(RowSource::source).collect()
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Tests of [`Trainer`] on a dataset of a few small views.
 
 use super::schedule::{Stage, learning_rate};
-use super::{InPlace, Saved, TrainError, Trainer, Training, losses};
+use super::{InPlace, SavedTraining, TrainError, Trainer, Training, losses};
 use crate::config::layers::Layers;
 use crate::config::types::{Config, GridInit, ShBands, TvOrder, TvReduction};
 use crate::config::{PRESETS, preset};
@@ -287,7 +287,7 @@ fn an_average_changes_no_step_is_sorted_along_and_is_restored_from_a_checkpoint(
     averaged.model().save(&path).unwrap();
     let (_, mut resumed) = of(20);
     let state = averaged.state();
-    resumed.resume(Saved { model: &path, state, state_path: &path, step: 114, first_primitives: 200 }).unwrap();
+    resumed.resume(SavedTraining { model: &path, state, state_path: &path, step: 114, first_primitives: 200 }).unwrap();
     for _ in 0..8 {
         averaged.step(&data.train).unwrap();
         resumed.step(&data.train).unwrap();
@@ -318,7 +318,7 @@ fn a_run_lengthened_by_a_joint_stage_begins_a_new_average_with_it() {
     short.model().save(&path).unwrap();
     let (_, mut longer) = with_joint(10);
     let (state, state_path) = (short.state(), path.as_path());
-    longer.resume(Saved { model: &path, state, state_path, step: steps, first_primitives: 200 }).unwrap();
+    longer.resume(SavedTraining { model: &path, state, state_path, step: steps, first_primitives: 200 }).unwrap();
     assert_eq!(means(longer.scene()), means(short.scene()));
     assert_eq!(means(longer.shown()), means(short.scene()), "the average of warm-up goes on in the joint stage");
 }
@@ -338,7 +338,8 @@ fn relocation_keeps_the_number_of_gaussians_on_the_line_and_resumes_bit_identica
     let path = folder.path().join("scene.safetensors");
     whole.model().save(&path).unwrap();
     let (_, mut resumed) = trainer(&config);
-    let saved = Saved { model: &path, state: whole.state(), state_path: &path, step: 25, first_primitives: 200 };
+    let saved =
+        SavedTraining { model: &path, state: whole.state(), state_path: &path, step: 25, first_primitives: 200 };
     resumed.resume(saved).unwrap();
     for step in 25..60 {
         let both = [&mut whole, &mut resumed].map(|trainer| trainer.step(&data.train).unwrap().primitives);

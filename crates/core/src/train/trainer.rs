@@ -4,7 +4,7 @@ use super::budget::{ViewSizes, check_memory, scene_sizes};
 use super::check::{Background, check, check_device, evaluation_background, parse_background};
 use super::culling::Culling;
 use super::densify;
-use super::due::{Changes, Due, PendingDensification, sorts_after};
+use super::due::{Changes, DueChanges, PendingDensification, sorts_after};
 use super::ema::Ema;
 use super::gather::{GatheredStatistics, ViewContribution};
 use super::losses::{LossInput, LossTerms, photometric};
@@ -17,9 +17,9 @@ use super::watch::LossWatch;
 use super::{InPlace, StepReport, StepTimes, TrainError, init, timed};
 use crate::config::types::{Config, WarmupTimes};
 use crate::data::{Camera, Dataset, Split};
-use crate::memory::Budget;
+use crate::memory::MemoryBudget;
 use crate::model::params::to_vec;
-use crate::model::scene::View;
+use crate::model::scene::RenderedView;
 use crate::model::{Gaussians, HostGaussians, Scene, ToKernel};
 use burn::tensor::{Device, Tensor};
 use volseggs_kernels::activation::logit;
@@ -93,7 +93,7 @@ impl Trainer {
     pub fn new(config: Config, dataset: &Dataset, device: &Device) -> Result<Self, TrainError> {
         check(&config)?;
         let (views, runs_ahead) = (ViewSizes::from_split(&dataset.train), crate::device::runs_ahead(device));
-        check_memory(&config, scene_sizes, views, runs_ahead, Budget::now())?;
+        check_memory(&config, scene_sizes, views, runs_ahead, MemoryBudget::now())?;
         let shown = evaluation_background(&config.data.background)?;
         let (mut gaussians, spec) = init::initialise(&dataset.train, &config, shown)?;
         if config.speed.sort_every > 0 {
@@ -213,7 +213,7 @@ impl Trainer {
     fn apply_pending(&mut self) {
         let Some(changes) = self.pending.take(self.step, &self.config, self.initial) else { return };
         let Changes { step, due, sort } = changes;
-        if due != Due::default() {
+        if due != DueChanges::default() {
             self.densify(step, due);
         }
         if sort {
@@ -258,7 +258,7 @@ impl Trainer {
     }
 
     /// Returns the image of the view, and offsets of zero `[N, 2]` whose gradient is that of the screen positions.
-    fn draw(&self, gaussians: SplatInputs, view: &StepView) -> (View, Tensor<2>) {
+    fn draw(&self, gaussians: SplatInputs, view: &StepView) -> (RenderedView, Tensor<2>) {
         let offsets = Tensor::zeros([self.scene.gaussians.count(), 2], &self.device).require_grad();
         let camera = view.camera.to_kernel();
         (self.scene.draw(gaussians, camera, view.background, Some(offsets.clone())), offsets)
@@ -297,7 +297,7 @@ impl Trainer {
     }
 
     /// Adds, removes and resets what was due after `step`.
-    fn densify(&mut self, step: usize, due: Due) {
+    fn densify(&mut self, step: usize, due: DueChanges) {
         let host = self.scene.gaussians.to_host();
         let statistics = self.statistics.to_host();
         let HostGaussians { opacity_logits, log_scales, .. } = &host;
@@ -310,7 +310,7 @@ impl Trainer {
             self.optimizer.map_moments("gaussians.opacity_logits", |m| vec![0.0; m.len()]);
         }
         self.statistics.replace(|old| old.renewed(&rows, due));
-        let same = rows.len() == host.len() && rows.iter().zip(0..).all(|(row, i)| *row == densify::Row::Keep(i));
+        let same = rows.len() == host.len() && rows.iter().zip(0..).all(|(row, i)| *row == densify::RowSource::Keep(i));
         if !same || due.reset {
             self.ema.clear();
         }
@@ -328,7 +328,7 @@ impl Trainer {
         self.replace_gaussians(new);
     }
 
-    fn move_moments(&mut self, rows: &[densify::Row], host: &HostGaussians) {
+    fn move_moments(&mut self, rows: &[densify::RowSource], host: &HostGaussians) {
         for column in host.columns() {
             let gather = |m: &[f32]| densify::gather_moments(m, rows, column.width);
             self.optimizer.map_moments(&format!("gaussians.{}", column.name), gather);

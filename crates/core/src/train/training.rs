@@ -37,7 +37,7 @@ pub trait Training {
     ///
     /// # Errors
     /// If the checkpoint's files are damaged or do not fit.
-    fn resume(&mut self, from: Saved<'_>) -> Result<(), CheckpointError>;
+    fn resume(&mut self, from: SavedTraining<'_>) -> Result<(), CheckpointError>;
 
     /// Primitives at the start of the training, if what is due at a step depends on them.
     fn first_primitives(&self) -> usize {
@@ -47,7 +47,7 @@ pub trait Training {
 
 /// A checkpoint to resume from.
 #[derive(Debug)]
-pub struct Saved<'a> {
+pub struct SavedTraining<'a> {
     /// The file that [`Model::save`] wrote.
     pub model: &'a Path,
     /// What [`Training::state`] returned.

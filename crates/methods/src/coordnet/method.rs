@@ -3,21 +3,21 @@
 use super::network::{INPUTS, OUTPUTS, SineNetwork, parameters, values_per_pixel};
 use super::settings::CoordNetConfig;
 use crate::network::{self, Network, StepInput};
-use crate::pixels::Pixels;
+use crate::pixels::PixelEpochs;
 use crate::sphere::ViewSphere;
-use crate::{Method, Model, Training, Work, ignored};
+use crate::{Method, Model, Training, MethodWork, ignored};
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
-use volseggs_base::memory::{Budget, product};
-use volseggs_core::config::sections::Section;
+use volseggs_base::memory::{MemoryBudget, product};
+use volseggs_core::config::sections::ConfigSection;
 use volseggs_core::config::types::Config;
 use volseggs_core::model::{SceneError, ToKernel};
 use volseggs_core::train::TrainError;
-use volseggs_kernels::Camera;
+use volseggs_kernels::PinholeCamera;
 use volseggs_volume::data::{Dataset, Frame};
 
 /// Number of pixels drawn at a time: hidden layers with this many rows fit into a few dozen megabytes.
@@ -37,8 +37,8 @@ pub struct CoordNetSpec {
 }
 
 impl Method for CoordNet {
-    fn section(&self) -> Option<Section> {
-        Some(Section::new::<CoordNetConfig>())
+    fn section(&self) -> Option<ConfigSection> {
+        Some(ConfigSection::new::<CoordNetConfig>())
     }
 
     fn presets(&self) -> &'static [(&'static str, &'static str)] {
@@ -58,18 +58,18 @@ impl Method for CoordNet {
         // values that the autodiff tape keeps per hidden value
         let bytes = product(&[settings.batch, 3 * size_of::<f32>()]).saturating_mul(values_per_pixel(settings));
         let what = format!("coordnet.batch = {} with layers of this width", settings.batch);
-        Budget::now().check(what, bytes).map_err(|e| e.to_string())
+        MemoryBudget::now().check(what, bytes).map_err(|e| e.to_string())
     }
 
     fn steps(&self, config: &Config) -> usize {
         config.section::<CoordNetConfig>().map_or(0, |settings| settings.steps)
     }
 
-    fn work(&self, config: &Config) -> Option<Work> {
+    fn work(&self, config: &Config) -> Option<MethodWork> {
         let settings = &config.section::<CoordNetConfig>().ok()?;
         let weights = parameters(settings) as f64;
         let bytes = 20.0 * weights + 12.0 * settings.batch as f64 * values_per_pixel(settings) as f64;
-        Some(Work::Network { step: settings.batch as f64 * weights, pixel: weights, bytes })
+        Some(MethodWork::Network { step: settings.batch as f64 * weights, pixel: weights, bytes })
     }
 
     fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
@@ -105,7 +105,7 @@ impl Network for CoordNet {
         let size = [images.width as usize, images.height as usize];
         let view = |f: &Frame| view_inputs(&seen.spec.sphere, &f.camera.to_kernel(), f.time as f32);
         let views: Vec<[f32; 3]> = seen.split.frames.iter().map(view).collect();
-        let pixels = Pixels::new(views.len(), size[0] * size[1], settings.pixels_per_view, seen.config.seed);
+        let pixels = PixelEpochs::new(views.len(), size[0] * size[1], settings.pixels_per_view, seen.config.seed);
         let n = settings.batch;
         let (mut inputs, mut colours) = (Vec::with_capacity(n * INPUTS), Vec::with_capacity(n * OUTPUTS));
         for pixel in pixels.of_step(seen.step, n) {
@@ -131,7 +131,7 @@ impl Network for CoordNet {
     }
 
     /// Alpha is 1, as the network outputs only colours.
-    fn image(&self, network: &SineNetwork, spec: &CoordNetSpec, camera: Camera, time: f32) -> Tensor<3> {
+    fn image(&self, network: &SineNetwork, spec: &CoordNetSpec, camera: PinholeCamera, time: f32) -> Tensor<3> {
         let device = network.device();
         let size = [camera.width, camera.height];
         let view = view_inputs(&spec.sphere, &camera, time);
@@ -149,7 +149,7 @@ impl Network for CoordNet {
 }
 
 /// The inputs shared by all pixels of a view: polar angle, azimuth and time, each in [-1, 1].
-fn view_inputs(sphere: &ViewSphere, camera: &Camera, time: f32) -> [f32; 3] {
+fn view_inputs(sphere: &ViewSphere, camera: &PinholeCamera, time: f32) -> [f32; 3] {
     let angles = sphere.angles(camera);
     let scaled = |part: f64| (2.0 * part - 1.0) as f32;
     [scaled(angles.polar / PI), scaled(angles.azimuth / TAU), scaled(f64::from(time))]

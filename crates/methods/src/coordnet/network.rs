@@ -17,13 +17,13 @@ pub const OUTPUTS: usize = 3;
 /// A residual block, `(S2(S1(x)) + x) / 2` with `S(x) = sin(omega (x W + b))`. If it changes the width, a third layer
 /// `S3(x)` replaces x in the sum.
 #[derive(Module, Debug)]
-pub struct Block {
+pub struct ResidualBlock {
     first: Layer,
     second: Layer,
     skip: Option<Layer>,
 }
 
-impl Block {
+impl ResidualBlock {
     fn new(rng: &mut Rng, [inputs, outputs]: [usize; 2], omega: f64, device: &Device) -> Self {
         let mut new = |inputs: usize| {
             let bound = weight_bound(inputs, omega);
@@ -55,7 +55,7 @@ fn weight_bound(inputs: usize, omega: f64) -> f64 {
 /// All blocks: those that widen the input, those of constant width, and one that outputs the colour.
 #[derive(Module, Debug)]
 pub struct SineNetwork {
-    blocks: Vec<Block>,
+    blocks: Vec<ResidualBlock>,
     #[module(skip)]
     omega: f32,
 }
@@ -91,7 +91,7 @@ impl SineNetwork {
     /// A network with random weights.
     pub fn new(config: &CoordNetConfig, seed: u64, device: &Device) -> Self {
         let mut rng = Rng::new(seed, 0, Purpose::MethodInit);
-        let blocks = sizes(config).map(|size| Block::new(&mut rng, size, config.omega, device)).collect();
+        let blocks = sizes(config).map(|size| ResidualBlock::new(&mut rng, size, config.omega, device)).collect();
         Self { blocks, omega: config.omega as f32 }
     }
 
@@ -145,7 +145,7 @@ mod tests {
         let (w2, b2) = ([[0.03, 0.01, 0.0], [-0.02, 0.01, 0.02], [0.01, -0.03, 0.02]], [0.0, 0.1, -0.1]);
         let flat = |rows: &[[f64; 3]]| rows.iter().flatten().map(|v| *v as f32).collect::<Vec<_>>();
         let short = |bias: [f64; 3]| bias.map(|v| v as f32).to_vec();
-        let block = Block {
+        let block = ResidualBlock {
             first: new(flat(&w1), [2, 3], short(b1)),
             second: new(flat(&w2), [3, 3], short(b2)),
             skip: Some(new(flat(&w1), [2, 3], short(b2))),

@@ -1,7 +1,7 @@
 //! N trainable Gaussians in space and time, and what is drawn of them.
 
 use super::rotation::rotations;
-use super::{Moment, harmonics_at};
+use super::{ConditionalGaussians, harmonics_at};
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 use burn::tensor::activation::{log_sigmoid, sigmoid};
@@ -45,20 +45,20 @@ pub struct ColourSeries {
 }
 
 impl Gaussians4d {
-    /// Returns what is drawn at `time`: [`Moment`], the opacity times its marginal, colours by [`harmonics_at`].
-    /// Gradients are kept if the parameters have them.
+    /// Returns what is drawn at `time`: [`ConditionalGaussians`], the opacity times its marginal, colours by
+    /// [`harmonics_at`]. Gradients are kept if the parameters have them.
     ///
     /// # Panics
     /// As [`harmonics_at`].
-    pub fn at(&self, time: f32, colours: ColourSeries) -> CovarianceInputs {
+    pub fn at_time(&self, time: f32, colours: ColourSeries) -> CovarianceInputs {
         self.drawn(self.moment(time), time, colours)
     }
 
-    /// As [`Gaussians4d::at`], with the result of [`Gaussians4d::moment`] for that time.
+    /// As [`Gaussians4d::at_time`], with the result of [`Gaussians4d::moment`] for that time.
     ///
     /// # Panics
     /// As [`harmonics_at`].
-    pub fn drawn(&self, moment: Moment, time: f32, colours: ColourSeries) -> CovarianceInputs {
+    pub fn drawn(&self, moment: ConditionalGaussians, time: f32, colours: ColourSeries) -> CovarianceInputs {
         let ColourSeries { sh_stride, time_degree, duration } = colours;
         CovarianceInputs {
             means: moment.means,
@@ -70,9 +70,9 @@ impl Gaussians4d {
     }
 
     /// Positions, extents, velocities and marginals of the Gaussians at `time`.
-    pub fn moment(&self, time: f32) -> Moment {
+    pub fn moment(&self, time: f32) -> ConditionalGaussians {
         let rotations = rotations(self.left.val(), self.right.val());
-        Moment::new(self.means.val(), self.times.val(), rotations, self.log_scales.val(), time)
+        ConditionalGaussians::new(self.means.val(), self.times.val(), rotations, self.log_scales.val(), time)
     }
 
     /// Number of Gaussians.

@@ -2,11 +2,11 @@
 
 use super::model::Scene4d;
 use super::settings::FourDgsConfig;
-use super::training::Fit;
-use crate::{GaussianWork, Method, Model, Training, Work, ignored};
+use super::training::FourDgsTraining;
+use crate::{GaussianWork, Method, MethodWork, Model, Training, ignored};
 use burn::tensor::Device;
 use std::path::Path;
-use volseggs_core::config::sections::Section;
+use volseggs_core::config::sections::ConfigSection;
 use volseggs_core::config::types::{Appearance, Config, ShBands, WarmupTimes};
 use volseggs_core::model::SceneError;
 use volseggs_core::train::{TrainError, densify};
@@ -21,8 +21,8 @@ pub struct FourDgs;
 pub const NAME: &str = "4dgs";
 
 impl Method for FourDgs {
-    fn section(&self) -> Option<Section> {
-        Some(Section::new::<FourDgsConfig>())
+    fn section(&self) -> Option<ConfigSection> {
+        Some(ConfigSection::new::<FourDgsConfig>())
     }
 
     fn presets(&self) -> &'static [(&'static str, &'static str)] {
@@ -53,16 +53,16 @@ impl Method for FourDgs {
         config.stages.warmup_steps
     }
 
-    fn work(&self, config: &Config) -> Option<Work> {
+    fn work(&self, config: &Config) -> Option<MethodWork> {
         let settings = config.section::<FourDgsConfig>().ok()?;
         let kept = settings.kept_values(config.model.sh_degree) as f64;
         // it has no other stage, and its Gaussians cost as much as those with a field
-        Some(Work::Gaussians(GaussianWork { field: 1.0, products: 0.0, kept, in_warmup: true }))
+        Some(MethodWork::Gaussians(GaussianWork { field: 1.0, products: 0.0, kept, in_warmup: true }))
     }
 
     fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {
         let settings = config.section::<FourDgsConfig>().map_err(TrainError::Config)?;
-        Ok(Box::new(Fit::new(config, &settings, dataset, device)?))
+        Ok(Box::new(FourDgsTraining::new(config, &settings, dataset, device)?))
     }
 
     fn open(&self, path: &Path, device: &Device) -> Result<Box<dyn Model>, SceneError> {

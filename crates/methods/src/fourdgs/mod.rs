@@ -9,10 +9,11 @@
 //!   harmonics  colours over directions and time, and a time -> spherical harmonics
 //! ```
 //!
-//! [`Gaussians4d::at`] passes the result to [`volseggs_kernels::splat::splat_covariances`]: a 4D Gaussian at a time has
-//! a covariance of its own, not a rotation with scales. They are trained like those of 3DGS: `first` places them,
-//! `training` is their [`volseggs_core::train::Training`] with `rows` (added and removed Gaussians) and `rigid` (neighbours
-//! move alike), `model` their [`volseggs_core::model::Model`] with its file, and `method` their [`crate::Method`].
+//! [`Gaussians4d::at_time`] passes the result to [`volseggs_kernels::splat::splat_covariances`]: a 4D Gaussian at a
+//! time has a covariance of its own, not a rotation with scales. They are trained like those of 3DGS: `first` places
+//! them, `training` is their [`volseggs_core::train::Training`] with `rows` (added and removed Gaussians) and `rigid`
+//! (neighbours move alike), `model` their [`volseggs_core::model::Model`] with its file, and `method` their
+//! [`crate::Method`].
 
 mod first;
 mod gaussians;
@@ -38,6 +39,6 @@ pub use gaussians::{ColourSeries, Gaussians4d};
 pub use harmonics::harmonics_at;
 pub use method::FourDgs;
 pub(super) use method::NAME;
-pub use moment::Moment;
+pub use moment::ConditionalGaussians;
 pub use rotation::rotation_matrices;
 pub use settings::FourDgsConfig;

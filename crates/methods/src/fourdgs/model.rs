@@ -11,7 +11,7 @@ use std::path::Path;
 use volseggs_core::model::params::{self, HostTensor};
 use volseggs_core::model::{Counts, Model, Rendering, SceneError};
 use volseggs_core::train::InPlace;
-use volseggs_kernels::Camera;
+use volseggs_kernels::PinholeCamera;
 use volseggs_kernels::splat::splat_covariances;
 
 /// Entry of the file's header.
@@ -151,10 +151,10 @@ impl Scene4d {
 }
 
 impl Model for Scene4d {
-    fn image(&self, camera: Camera, time: f32) -> Tensor<3> {
+    fn image(&self, camera: PinholeCamera, time: f32) -> Tensor<3> {
         let colours = self.spec.colours();
         let of = self.gaussians();
-        let at = if self.device.is_autodiff() { of.valid().at(time, colours) } else { of.at(time, colours) };
+        let at = if self.device.is_autodiff() { of.valid().at_time(time, colours) } else { of.at_time(time, colours) };
         splat_covariances(at, self.spec.rendering().seen_by(camera)).image
     }
 

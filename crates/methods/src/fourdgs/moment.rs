@@ -12,7 +12,7 @@ const ENTRIES: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2
 /// With the 4D covariance in blocks, `A` of space, `b` of space by time and `c` of time, a Gaussian at t is
 /// three-dimensional: 4DGS's conditional distribution in space and marginal distribution in time.
 #[derive(Clone, Debug)]
-pub struct Moment {
+pub struct ConditionalGaussians {
     /// `mu + b / c (t - mu_t)` `[N, 3]`.
     pub means: Tensor<2>,
     /// `A - b b^T / c` by entries xx, xy, xz, yy, yz, zz `[N, 6]`.
@@ -23,7 +23,7 @@ pub struct Moment {
     pub log_marginals: Tensor<1>,
 }
 
-impl Moment {
+impl ConditionalGaussians {
     /// Conditions Gaussians at `means` `[N, 3]` and `times` `[N]`, with `rotations` `[4, 4, N]` and the logarithms of
     /// their standard deviations along x, y, z, t `[N, 4]`, on `time`.
     pub(super) fn new(

@@ -46,7 +46,7 @@ fn numbers_are_those_of_the_official_code(device: Device) {
         sh: param(sh.collect(), [2, 48, 3], &device),
     };
     close("rotation", &to_vec(rotation_matrices(of.left.val(), of.right.val()))[..16], &ROTATION);
-    let at = of.at(TIME, ColourSeries { sh_stride: 16, time_degree: 2, duration: 0.9 });
+    let at = of.at_time(TIME, ColourSeries { sh_stride: 16, time_degree: 2, duration: 0.9 });
     close("covariance", &to_vec(at.covariances), &COVARIANCES);
     close("mean", &to_vec(at.means), &OFFSETS);
     close("marginal", &to_vec(of.moment(TIME).log_marginals.exp()), &MARGINALS);

@@ -16,7 +16,7 @@ pub(super) struct Gaussian {
 
 /// The Gaussian as drawn at a time.
 #[derive(Clone, Debug)]
-pub(super) struct Drawn {
+pub(super) struct GaussianAtTime {
     pub mean: [f64; 3],
     /// xx, xy, xz, yy, yz, zz
     pub covariance: [f64; 6],
@@ -51,7 +51,7 @@ pub(super) fn rotated([x, y, z, t]: [f64; 4], left: [f64; 4], right: [f64; 4]) -
 
 impl Gaussian {
     /// The Gaussian at `time`, with K coefficients for each order in time up to `time_degree`.
-    pub(super) fn at(&self, time: f64, stride: usize, time_degree: usize, duration: f64) -> Drawn {
+    pub(super) fn at(&self, time: f64, stride: usize, time_degree: usize, duration: f64) -> GaussianAtTime {
         let axes: [[f64; 4]; 4] = std::array::from_fn(|k| {
             let axis = std::array::from_fn(|r| if r == k { self.log_scales[k].exp() } else { 0.0 });
             rotated(axis, self.left, self.right)
@@ -68,7 +68,7 @@ impl Gaussian {
             let of = &self.sh[3 * stride * order..][..3 * stride];
             sh.iter_mut().zip(of).for_each(|(sum, c)| *sum += angle.cos() * c);
         }
-        Drawn {
+        GaussianAtTime {
             mean: std::array::from_fn(|k| self.mean[k] + velocity[k] * since),
             covariance: places.map(|(a, b)| sigma(a, b) - sigma(a, 3) * sigma(b, 3) / variance),
             velocity,

@@ -3,7 +3,7 @@
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use volseggs_base::points::neighbours::Grid;
+use volseggs_base::points::neighbours::NeighbourGrid;
 use volseggs_core::model::params::HostTensor;
 
 /// Decay of a neighbour's weight with its distance, 1 / scene units (published code).
@@ -31,7 +31,7 @@ impl Neighbours {
     /// The `count` (K) Gaussians nearest to each of the `means` `[N, 3]`, itself included.
     pub(super) fn of(means: &[f32], count: usize, device: &Device) -> Self {
         let n = means.len() / 3;
-        let Ok(grid) = Grid::adaptive(means) else { unreachable!("means are [N, 3]") };
+        let Ok(grid) = NeighbourGrid::adaptive(means) else { unreachable!("means are [N, 3]") };
         let found: Vec<Vec<(u32, f32)>> = (0..n)
             .into_par_iter()
             .map(|i| {

@@ -6,12 +6,12 @@ use burn::tensor::Tensor;
 const MIN_SQUARE: f32 = 1e-24;
 
 /// The component of a quaternion (w, i, j, k: 1 to 4) at each entry of a 4x4 matrix, with its sign.
-type Layout = [[i8; 4]; 4];
+type QuaternionLayout = [[i8; 4]; 4];
 
 /// `v -> l v`, the left-isoclinic rotation.
-const LEFT: Layout = [[1, -2, -3, -4], [2, 1, -4, 3], [3, 4, 1, -2], [4, -3, 2, 1]];
+const LEFT: QuaternionLayout = [[1, -2, -3, -4], [2, 1, -4, 3], [3, 4, 1, -2], [4, -3, 2, 1]];
 /// `v -> v conj(r)`, the right-isoclinic rotation.
-const RIGHT: Layout = [[1, 2, 3, 4], [-2, 1, -4, 3], [-3, 4, 1, -2], [-4, -3, 2, 1]];
+const RIGHT: QuaternionLayout = [[1, 2, 3, 4], [-2, 1, -4, 3], [-3, 4, 1, -2], [-4, -3, 2, 1]];
 
 /// Rotation matrices `[N, 4, 4]` of x, y, z, t from quaternions `left` and `right` `[N, 4]` (w, i, j, k), normalised
 /// inside: `v -> l v conj(r)` with `v = t + z i + y j + x k`, as in 4DGS. If the two are equal, time is unchanged.
@@ -36,7 +36,7 @@ fn unit(quaternions: Tensor<2>) -> Tensor<2> {
 }
 
 /// The matrices `[4, 4, N]` of a layout, for the order x, y, z, t instead of t, z, y, x: rows and columns are reversed.
-fn matrix(quaternions: Tensor<2>, layout: &Layout) -> Tensor<3> {
+fn matrix(quaternions: Tensor<2>, layout: &QuaternionLayout) -> Tensor<3> {
     let [_, n] = quaternions.dims();
     let plus: [Tensor<2>; 4] = std::array::from_fn(|k| quaternions.clone().narrow(0, k, 1));
     let minus = plus.clone().map(Tensor::neg);

@@ -5,7 +5,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use std::collections::BTreeMap;
 use volseggs_base::rng::Rng;
 use volseggs_core::model::params::{HostTensor, to_vec};
-use volseggs_core::train::densify::{Row, gather};
+use volseggs_core::train::densify::{RowSource, gather};
 
 /// Factor by which halves are smaller, as in 3DGS.
 const SMALLER: f32 = 1.6;
@@ -18,7 +18,7 @@ pub(super) fn width(tensor: &HostTensor) -> usize {
 /// The new parameters by name, made from the `old` ones. Halves are drawn from their parent's distribution in space and
 /// time and are smaller in all four directions.
 pub(super) fn apply(
-    rows: &[Row],
+    rows: &[RowSource],
     old: &BTreeMap<String, HostTensor>,
     mut rng: Rng,
     device: &Device,
@@ -29,7 +29,7 @@ pub(super) fn apply(
         (name.clone(), HostTensor { shape, values: gather(&tensor.values, rows, width(tensor)) })
     };
     let mut new: BTreeMap<String, HostTensor> = old.iter().map(gathered).collect();
-    let halves: Vec<usize> = (0..rows.len()).filter(|&j| matches!(rows[j], Row::Half(_))).collect();
+    let halves: Vec<usize> = (0..rows.len()).filter(|&j| matches!(rows[j], RowSource::Half(_))).collect();
     if halves.is_empty() {
         return new;
     }

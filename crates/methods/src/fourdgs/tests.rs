@@ -1,13 +1,13 @@
 //! Tests of the primitives against plain f64, on every device.
 
-use super::reference::{Drawn, Gaussian, rotated};
+use super::reference::{Gaussian, GaussianAtTime, rotated};
 use super::{ColourSeries, Gaussians4d, rotation_matrices};
 use burn::module::Param;
 use burn::tensor::{Device, Tensor, TensorData};
 use volseggs_base::rng::{Purpose, Rng};
 use volseggs_core::model::params::{sizes, to_vec};
-use volseggs_kernels::Camera;
-use volseggs_kernels::splat::reference::{Cutoffs, Scene, render};
+use volseggs_kernels::PinholeCamera;
+use volseggs_kernels::splat::reference::{Cutoffs, ReferenceScene, render};
 use volseggs_kernels::splat::{Rendering, SplatInputs, SplatSettings, splat, splat_covariances};
 
 /// Directional coefficients, and orders in time.
@@ -51,7 +51,7 @@ fn module(of: &[Gaussian], device: &Device) -> Gaussians4d {
     }
 }
 
-fn drawn(of: &[Gaussian]) -> Vec<Drawn> {
+fn drawn(of: &[Gaussian]) -> Vec<GaussianAtTime> {
     let ColourSeries { sh_stride, time_degree, duration } = SERIES;
     of.iter().map(|g| g.at(f64::from(TIME), sh_stride, time_degree, f64::from(duration))).collect()
 }
@@ -122,8 +122,8 @@ fn numbers_at_a_time_are_those_of_the_reference(device: Device) {
     let of = random(40, 1);
     let expected = drawn(&of);
     let module = module(&of, &device);
-    let (at, moment) = (module.at(TIME, SERIES), module.moment(TIME));
-    let column = |f: fn(&Drawn) -> Vec<f64>| expected.iter().flat_map(f).collect::<Vec<f64>>();
+    let (at, moment) = (module.at_time(TIME, SERIES), module.moment(TIME));
+    let column = |f: fn(&GaussianAtTime) -> Vec<f64>| expected.iter().flat_map(f).collect::<Vec<f64>>();
     for (name, ours, exact) in [
         ("means", wide(at.means), column(|d| d.mean.to_vec())),
         ("covariances", wide(at.covariances), column(|d| d.covariance.to_vec())),
@@ -147,7 +147,7 @@ fn gradients_of_what_is_drawn_are_difference_quotients(device: Device) {
     let weights = [3, 6, 1, 3 * SERIES.sh_stride].map(|width| weights(of.len() * width));
     let at = module(&of, &device);
     let loss = {
-        let at = at.at(TIME, SERIES);
+        let at = at.at_time(TIME, SERIES);
         let term = |values: Tensor<1>, w: &[f32]| (values * Tensor::from_data(w, &device)).sum();
         let flat = |n: usize| [of.len() * n];
         term(at.means.reshape(flat(3)), &weights[0])
@@ -159,7 +159,7 @@ fn gradients_of_what_is_drawn_are_difference_quotients(device: Device) {
         let weighted = |values: &[f64], w: &[f32], i: usize| -> f64 {
             values.iter().zip(&w[i * values.len()..]).map(|(v, w)| v * f64::from(*w)).sum()
         };
-        let of_one = |(i, d): (usize, &Drawn)| {
+        let of_one = |(i, d): (usize, &GaussianAtTime)| {
             weighted(&d.mean, &weights[0], i)
                 + weighted(&d.covariance, &weights[1], i)
                 + weighted(&[d.opacity_logit], &weights[2], i)
@@ -175,7 +175,7 @@ fn gradients_of_what_is_drawn_are_difference_quotients(device: Device) {
 }
 
 fn settings() -> SplatSettings {
-    let camera = Camera {
+    let camera = PinholeCamera {
         width: 21,
         height: 17,
         fx: 39.0,
@@ -191,8 +191,8 @@ fn settings() -> SplatSettings {
 /// The image in f64, from the f64 primitives.
 fn picture(of: &[Gaussian], cutoffs: Cutoffs) -> Vec<f64> {
     let drawn = drawn(of);
-    let column = |f: fn(&Drawn) -> Vec<f64>| drawn.iter().flat_map(f).collect::<Vec<f64>>();
-    let scene = Scene {
+    let column = |f: fn(&GaussianAtTime) -> Vec<f64>| drawn.iter().flat_map(f).collect::<Vec<f64>>();
+    let scene = ReferenceScene {
         means: column(|d| d.mean.to_vec()),
         rotations: vec![0.0; 4 * of.len()],
         log_scales: vec![0.0; 3 * of.len()],
@@ -216,7 +216,7 @@ fn gradients_of_a_picture_are_difference_quotients(device: Device) {
     let mut r = Rng::new(8, 0, Purpose::Custom(7));
     let weights: Vec<f32> = (0..21 * 17 * 4).map(|_| r.normal()).collect();
     let module = module(&of, &device);
-    let image = splat_covariances(module.at(TIME, SERIES), settings()).image;
+    let image = splat_covariances(module.at_time(TIME, SERIES), settings()).image;
     let off = worst(&wide(image.clone().inner()), &picture(&of, Cutoffs::OP));
     println!("image: {off:.1e}");
     assert!(off < 1e-4, "the image is off by {off:.1e}");
@@ -243,7 +243,7 @@ fn equal_quaternions_turn_space_alone(device: Device) {
     let moment = module.moment(TIME);
     assert!(wide(moment.velocities).iter().all(|v| v.abs() < 1e-6));
     assert_eq!(wide(moment.means), wide(module.means.val()));
-    let at = module.at(TIME, SERIES);
+    let at = module.at_time(TIME, SERIES);
     let opacities = worst(&wide(at.opacity_logits.clone()), &wide(module.opacity_logits.val()));
     assert!(opacities < 1e-6, "at its peak a Gaussian has its whole opacity, off by {opacities:.1e}");
     // i, j, k stand for z, y, x, which is a reflection: the axis is negated
@@ -264,7 +264,7 @@ fn extremes_spread_no_nan(device: Device) {
     let device = device.autodiff();
     let run = |of: &[Gaussian]| {
         let module = module(of, &device);
-        let image = splat_covariances(module.at(TIME, SERIES), settings()).image;
+        let image = splat_covariances(module.at_time(TIME, SERIES), settings()).image;
         (wide(image.clone().inner()), gradients(&module, image.sum()))
     };
     let mut without = clean.clone();
@@ -315,7 +315,7 @@ fn marginals_below_a_twentieth_are_not_drawn(device: Device) {
     // a marginal of 0.06, and one of 0.04
     for (marginal, seen) in [(0.06f64, true), (0.04, false)] {
         of[0].time = f64::from(TIME) + deviation * (-2.0 * marginal.ln()).sqrt();
-        let at = module(&of[..1], &device).at(TIME, SERIES);
+        let at = module(&of[..1], &device).at_time(TIME, SERIES);
         let logit = wide(at.opacity_logits)[0];
         let opacity = 1.0 / (1.0 + (-logit).exp());
         let whole = 1.0 / (1.0 + (-3.0f64).exp());

@@ -7,7 +7,7 @@ use super::rows;
 use super::settings::FourDgsConfig;
 use burn::tensor::{Device, Gradients, Tensor};
 use std::collections::BTreeMap;
-use volseggs_base::memory::Budget;
+use volseggs_base::memory::MemoryBudget;
 use volseggs_base::rng::{Purpose, Rng};
 use volseggs_core::config::types::Config;
 use volseggs_core::model::params::{self, HostTensor, to_vec};
@@ -16,15 +16,15 @@ use volseggs_core::model::{Model, Rendering, ToKernel};
 use volseggs_core::train::budget::{ViewSizes, check_memory};
 use volseggs_core::train::check::{Background, check_device, parse_background};
 use volseggs_core::train::checkpoint::CheckpointError;
-use volseggs_core::train::densify::{self, Row, Statistics};
-use volseggs_core::train::due::{Changes, Due, PendingDensification, sorts_after};
+use volseggs_core::train::densify::{self, RowSource, Statistics};
+use volseggs_core::train::due::{Changes, DueChanges, PendingDensification, sorts_after};
 use volseggs_core::train::gather::{GatheredStatistics, ViewContribution};
 use volseggs_core::train::optimizer::{AdamConstants, Optimizer};
 use volseggs_core::train::schedule::{self, Stage};
 use volseggs_core::train::target::target;
 use volseggs_core::train::watch::LossWatch;
 use volseggs_core::train::{
-    Saved, StepReport, StepTimes, TrainError, Training, evaluation_background, losses, spatial, timed,
+    SavedTraining, StepReport, StepTimes, TrainError, Training, evaluation_background, losses, spatial, timed,
 };
 use volseggs_kernels::activation::logit;
 use volseggs_kernels::splat::{CovarianceInputs, splat_covariances};
@@ -36,7 +36,7 @@ const RESET: f32 = 0.01;
 const BY_TIME: &str = "statistics.by_time";
 
 /// 4D Gaussians in training.
-pub(super) struct Fit {
+pub(super) struct FourDgsTraining {
     config: Config,
     settings: FourDgsConfig,
     scene: Scene4d,
@@ -55,7 +55,7 @@ pub(super) struct Fit {
     watch: LossWatch,
 }
 
-impl Fit {
+impl FourDgsTraining {
     pub(super) fn new(
         config: &Config,
         settings: &FourDgsConfig,
@@ -65,7 +65,7 @@ impl Fit {
         let images = &dataset.train.images;
         let size = [images.width as usize, images.height as usize];
         let runs_ahead = volseggs_core::device::runs_ahead(device);
-        check_memory(config, sizes, ViewSizes::from_split(&dataset.train), runs_ahead, Budget::now())?;
+        check_memory(config, sizes, ViewSizes::from_split(&dataset.train), runs_ahead, MemoryBudget::now())?;
         check_device(config, &sizes(config), config.init.points, size, device)?;
         let shown = evaluation_background(&config.data.background)?;
         let device = device.clone().autodiff();
@@ -183,7 +183,7 @@ impl Fit {
     fn apply_pending(&mut self) {
         let Some(changes) = self.pending.take(self.step, &self.config, self.initial) else { return };
         let Changes { step, due, sort } = changes;
-        if due != Due::default() {
+        if due != DueChanges::default() {
             self.densify(step, due);
         }
         if sort {
@@ -192,7 +192,7 @@ impl Fit {
     }
 
     /// Adds, removes and resets what was due after `step`.
-    fn densify(&mut self, step: usize, due: Due) {
+    fn densify(&mut self, step: usize, due: DueChanges) {
         let host = self.scene.parameters();
         let values = |name: &str| host.get(name).map_or(&[][..], |t| &t.values);
         let in_space = values("gaussians.log_scales").chunks_exact(4).flat_map(|s| &s[..3]).copied();
@@ -226,7 +226,7 @@ impl Fit {
     }
 
     /// Gathers the sums of the gradients with respect to time by `rows`.
-    fn gather_by_time(&mut self, rows: &[densify::Row]) {
+    fn gather_by_time(&mut self, rows: &[densify::RowSource]) {
         self.by_time = self.by_time.take().map(|sums| {
             let values = densify::gather(&to_vec(sums.clone()), rows, 1);
             Tensor::from_data(&values[..], &sums.device())
@@ -234,7 +234,7 @@ impl Fit {
     }
 
     /// Replaces the Gaussians and their moments by those of `rows`, determined after `step`.
-    fn rearrange(&mut self, step: usize, rows: &[Row], host: &BTreeMap<String, HostTensor>) {
+    fn rearrange(&mut self, step: usize, rows: &[RowSource], host: &BTreeMap<String, HostTensor>) {
         let rng = Rng::new(self.config.seed, step as u64, Purpose::Split);
         let new = rows::apply(rows, host, rng, &self.device.clone().inner());
         for (name, tensor) in host {
@@ -246,7 +246,7 @@ impl Fit {
     }
 }
 
-impl Training for Fit {
+impl Training for FourDgsTraining {
     fn total_steps(&self) -> usize {
         self.config.stages.warmup_steps
     }
@@ -307,7 +307,7 @@ impl Training for Fit {
         tensors
     }
 
-    fn resume(&mut self, from: Saved<'_>) -> Result<(), CheckpointError> {
+    fn resume(&mut self, from: SavedTraining<'_>) -> Result<(), CheckpointError> {
         let bad = |reason: String| CheckpointError::File { path: from.state_path.into(), reason };
         let scene = Scene4d::read(from.model, &self.device)?;
         let (n, inner) = (scene.gaussians().count(), self.device.clone().inner());

@@ -11,7 +11,7 @@ use volseggs_core::config::types::Config;
 use volseggs_core::model::params::{HostTensor, to_vec};
 use volseggs_core::model::scene_file::{read_tensors, write_tensors};
 use volseggs_core::model::{Model, ToKernel};
-use volseggs_core::train::densify::Row;
+use volseggs_core::train::densify::RowSource;
 use volseggs_core::train::open_dataset;
 use volseggs_volume::data::Dataset;
 use volseggs_volume::data::fixture::write_sphere_dataset;
@@ -134,7 +134,8 @@ fn halves_are_drawn_from_their_parent_in_space_and_time() {
         ("gaussians.right".to_owned(), tensor(&[1, 4], &right)),
     ]);
     const N: usize = 20_000;
-    let rows: Vec<Row> = [Row::Keep(0), Row::Clone(0)].into_iter().chain((0..N).map(|_| Row::Half(0))).collect();
+    let rows: Vec<RowSource> =
+        [RowSource::Keep(0), RowSource::Clone(0)].into_iter().chain((0..N).map(|_| RowSource::Half(0))).collect();
     let new = apply(&rows, &old, Rng::new(1, 2, Purpose::Split), &device);
     for j in 0..2 {
         assert_eq!(new["gaussians.means"].values[3 * j..][..3], [1.0, 2.0, 3.0]);

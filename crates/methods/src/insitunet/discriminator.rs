@@ -1,7 +1,7 @@
 //! The discriminator: how real an image looks for a time and a view direction.
 
-use super::generator::{Encoder, GROUPS};
-use super::layers::{Conv, halved, orthogonal_layer};
+use super::generator::{GROUPS, InputEncoder};
+use super::layers::{SamePaddedConv, halved, orthogonal_layer};
 use super::spectral;
 use crate::insitunet::InSituNetConfig;
 use crate::layers::parameter;
@@ -18,19 +18,19 @@ const COLOURS: usize = 3;
 /// A residual block that halves the side length; the last one keeps it.
 #[derive(Module, Debug)]
 struct DownBlock {
-    convs: [Conv; 2],
-    skip: Conv,
+    convs: [SamePaddedConv; 2],
+    skip: SamePaddedConv,
 }
 
 impl DownBlock {
     fn new([inputs, outputs]: [usize; 2], rng: &mut Rng, device: &Device) -> Self {
         Self {
-            convs: [inputs, outputs].map(|n| Conv::new(rng, [n, outputs], 3, true, device)),
-            skip: Conv::new(rng, [inputs, outputs], 1, true, device),
+            convs: [inputs, outputs].map(|n| SamePaddedConv::new(rng, [n, outputs], 3, true, device)),
+            skip: SamePaddedConv::new(rng, [inputs, outputs], 1, true, device),
         }
     }
 
-    fn all(&self) -> [&Conv; 3] {
+    fn all(&self) -> [&SamePaddedConv; 3] {
         [&self.convs[0], &self.convs[1], &self.skip]
     }
 }
@@ -38,7 +38,7 @@ impl DownBlock {
 /// Maps an image and its inputs to a score, high for real images.
 #[derive(Module, Debug)]
 pub struct Discriminator {
-    encoder: Encoder,
+    encoder: InputEncoder,
     /// Maps the encoder's output to as many values as the last block has channels.
     condition: Layer,
     /// Each halves the side length.
@@ -65,7 +65,7 @@ impl Normal<'_> {
         }
     }
 
-    fn conv(&mut self, conv: &Conv, x: Tensor<4>) -> Tensor<4> {
+    fn conv(&mut self, conv: &SamePaddedConv, x: Tensor<4>) -> Tensor<4> {
         let Some(left) = self.left.next() else { return conv.forward(x) };
         let norm = spectral::norm(&flat(conv), &left.val());
         conv.forward_with(x, conv.weight.val() / norm.reshape([1, 1, 1, 1]))
@@ -73,7 +73,7 @@ impl Normal<'_> {
 }
 
 /// A convolution's weights as `[outputs, inputs * k * k]`.
-fn flat(conv: &Conv) -> Tensor<2> {
+fn flat(conv: &SamePaddedConv) -> Tensor<2> {
     let [outputs, inputs, height, width] = conv.weight.dims();
     conv.weight.val().reshape([outputs, inputs * height * width])
 }
@@ -85,7 +85,7 @@ impl Discriminator {
         let inputs = std::iter::once(&COLOURS).chain(&config.critic_channels);
         let sizes = inputs.zip(&config.critic_channels);
         let mut new = Self {
-            encoder: Encoder::new(&GROUPS, config.encoder, rng, device),
+            encoder: InputEncoder::new(&GROUPS, config.encoder, rng, device),
             condition: orthogonal_layer(rng, [GROUPS.len() * config.encoder, last], device),
             blocks: sizes.map(|(i, o)| DownBlock::new([*i, *o], rng, device)).collect(),
             last: DownBlock::new([last, last], rng, device),

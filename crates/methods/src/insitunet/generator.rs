@@ -1,6 +1,6 @@
 //! The generator: maps a time and a view direction to an image.
 
-use super::layers::{BatchNorm, Conv, Moments, doubled, orthogonal_layer};
+use super::layers::{BatchMoments, BatchNorm, SamePaddedConv, doubled, orthogonal_layer};
 use crate::insitunet::InSituNetConfig;
 use crate::layers::parameter;
 use burn::module::{Module, Param};
@@ -20,11 +20,11 @@ const COLOURS: usize = 3;
 
 /// Two layers per group of inputs; the outputs of the groups are concatenated.
 #[derive(Module, Debug)]
-pub struct Encoder {
+pub struct InputEncoder {
     groups: Vec<[Layer; 2]>,
 }
 
-impl Encoder {
+impl InputEncoder {
     /// Creates an encoder for groups of the given sizes, with `width` outputs each.
     pub fn new(groups: &[usize], width: usize, rng: &mut Rng, device: &Device) -> Self {
         let mut group = |inputs: usize| [inputs, width].map(|n| orthogonal_layer(rng, [n, width], device));
@@ -36,7 +36,7 @@ impl Encoder {
         self.forward_with(inputs, &mut |layer| layer.weight.val())
     }
 
-    /// As [`Encoder::forward`], with the weights that `weight` computes from a layer.
+    /// As [`InputEncoder::forward`], with the weights that `weight` computes from a layer.
     pub fn forward_with(&self, inputs: Tensor<2>, weight: &mut dyn FnMut(&Layer) -> Tensor<2>) -> Tensor<2> {
         let mut column = 0;
         let mut parts = Vec::with_capacity(self.groups.len());
@@ -52,7 +52,7 @@ impl Encoder {
         Tensor::cat(parts, 1)
     }
 
-    /// All layers, in the order in which [`Encoder::forward_with`] requests them.
+    /// All layers, in the order in which [`InputEncoder::forward_with`] requests them.
     pub fn layers(&self) -> impl Iterator<Item = &Layer> {
         self.groups.iter().flatten()
     }
@@ -62,20 +62,20 @@ impl Encoder {
 #[derive(Module, Debug)]
 pub struct UpBlock {
     norms: [BatchNorm; 2],
-    convs: [Conv; 2],
-    skip: Conv,
+    convs: [SamePaddedConv; 2],
+    skip: SamePaddedConv,
 }
 
 impl UpBlock {
     fn new([inputs, outputs]: [usize; 2], rng: &mut Rng, device: &Device) -> Self {
         Self {
             norms: [inputs, outputs].map(|n| BatchNorm::new(n, device)),
-            convs: [inputs, outputs].map(|n| Conv::new(rng, [n, outputs], 3, false, device)),
-            skip: Conv::new(rng, [inputs, outputs], 1, false, device),
+            convs: [inputs, outputs].map(|n| SamePaddedConv::new(rng, [n, outputs], 3, false, device)),
+            skip: SamePaddedConv::new(rng, [inputs, outputs], 1, false, device),
         }
     }
 
-    fn forward(&self, x: Tensor<4>, mut seen: Option<&mut Vec<Moments>>) -> Tensor<4> {
+    fn forward(&self, x: Tensor<4>, mut seen: Option<&mut Vec<BatchMoments>>) -> Tensor<4> {
         let [first, second] = &self.norms;
         let inner = relu(first.forward(x.clone(), seen.as_deref_mut()));
         let inner = self.convs[0].forward(doubled(inner));
@@ -87,12 +87,12 @@ impl UpBlock {
 /// Maps the inputs to an image of `4 * 2^blocks` pixels.
 #[derive(Module, Debug)]
 pub struct Generator {
-    encoder: Encoder,
+    encoder: InputEncoder,
     /// `[groups * width, channels * 4 * 4]`, without biases.
     dense: Param<Tensor<2>>,
     blocks: Vec<UpBlock>,
     norm: BatchNorm,
-    colour: Conv,
+    colour: SamePaddedConv,
 }
 
 /// Numbers of the generator's trained values and of its statistics; saturates.
@@ -128,7 +128,7 @@ impl Generator {
     pub fn new(config: &InSituNetConfig, groups: &[usize], rng: &mut Rng, device: &Device) -> Self {
         let channels = &config.channels;
         let (first, last) = (channels.first().copied().unwrap_or(1), channels.last().copied().unwrap_or(1));
-        let encoder = Encoder::new(groups, config.encoder, rng, device);
+        let encoder = InputEncoder::new(groups, config.encoder, rng, device);
         let (inputs, outputs) = (groups.len() * config.encoder, first * FIRST_SIDE * FIRST_SIDE);
         let dense = parameter(super::layers::orthogonal(rng, inputs, outputs), [inputs, outputs], device);
         Self {
@@ -136,7 +136,7 @@ impl Generator {
             dense,
             blocks: channels.windows(2).map(|pair| UpBlock::new([pair[0], pair[1]], rng, device)).collect(),
             norm: BatchNorm::new(last, device),
-            colour: Conv::new(rng, [last, COLOURS], 3, true, device),
+            colour: SamePaddedConv::new(rng, [last, COLOURS], 3, true, device),
         }
     }
 
@@ -147,7 +147,7 @@ impl Generator {
 
     /// Images `[N, 3, side, side]` in [-1, 1] for inputs `[N, 4]`. In training (`seen` is given) a batch is normalised
     /// by its own moments, which are appended to `seen`.
-    pub fn forward(&self, inputs: Tensor<2>, mut seen: Option<&mut Vec<Moments>>) -> Tensor<4> {
+    pub fn forward(&self, inputs: Tensor<2>, mut seen: Option<&mut Vec<BatchMoments>>) -> Tensor<4> {
         let n = inputs.dims()[0];
         let x = self.encoder.forward(inputs).matmul(self.dense.val());
         let channels = x.dims()[1] / (FIRST_SIDE * FIRST_SIDE);
@@ -159,7 +159,7 @@ impl Generator {
     }
 
     /// Updates the statistics with the moments of a batch, in the order in which [`Generator::forward`] returned them.
-    pub fn renew(&mut self, seen: Vec<Moments>) {
+    pub fn renew(&mut self, seen: Vec<BatchMoments>) {
         let norms = self.blocks.iter_mut().flat_map(|block| &mut block.norms).chain([&mut self.norm]);
         norms.zip(seen).for_each(|(norm, moments)| norm.renew(moments));
     }

@@ -11,14 +11,14 @@ use volseggs_core::model::encoder::implicit::Layer;
 
 /// A convolution that keeps width and height.
 #[derive(Module, Debug)]
-pub struct Conv {
+pub struct SamePaddedConv {
     /// `[outputs, inputs, k, k]`, k odd.
     pub weight: Param<Tensor<4>>,
     /// `[outputs]`
     pub bias: Option<Param<Tensor<1>>>,
 }
 
-impl Conv {
+impl SamePaddedConv {
     /// A convolution with windows of `side` pixels; its weights are an orthogonal matrix, its biases 0.
     pub fn new(rng: &mut Rng, [inputs, outputs]: [usize; 2], side: usize, has_bias: bool, device: &Device) -> Self {
         let weight = orthogonal(rng, outputs, inputs * side * side);
@@ -33,7 +33,7 @@ impl Conv {
         self.forward_with(x, self.weight.val())
     }
 
-    /// As [`Conv::forward`], with other weights of the same shape.
+    /// As [`SamePaddedConv::forward`], with other weights of the same shape.
     pub fn forward_with(&self, x: Tensor<4>, weight: Tensor<4>) -> Tensor<4> {
         let padding = self.weight.dims()[2] / 2;
         conv2d(x, weight, self.bias.as_ref().map(Param::val), ConvOptions::new([1; 2], [padding; 2], [1; 2], 1))
@@ -90,7 +90,7 @@ pub struct BatchNorm {
 }
 
 /// Mean and variance `[C]` of a batch, without gradients.
-pub type Moments = [Tensor<1>; 2];
+pub type BatchMoments = [Tensor<1>; 2];
 
 /// Suffixes of the names of parameters that are statistics and not trained.
 pub const STATISTICS: [&str; 2] = ["running_mean", "running_variance"];
@@ -104,7 +104,7 @@ impl BatchNorm {
 
     /// Normalises `[N, C, H, W]` by its own moments, which are appended to `seen`, or by the running statistics if
     /// `seen` is `None`.
-    pub fn forward(&self, x: Tensor<4>, seen: Option<&mut Vec<Moments>>) -> Tensor<4> {
+    pub fn forward(&self, x: Tensor<4>, seen: Option<&mut Vec<BatchMoments>>) -> Tensor<4> {
         let [n, channels, height, width] = x.dims();
         let wide = |t: Tensor<1>| t.reshape([1, channels, 1, 1]);
         let (mean, variance) = match seen {
@@ -125,7 +125,7 @@ impl BatchNorm {
     }
 
     /// Updates the running statistics with the moments of a batch.
-    pub fn renew(&mut self, moments: Moments) {
+    pub fn renew(&mut self, moments: BatchMoments) {
         let [mean, variance] = moments;
         for (kept, new) in [(&mut self.running_mean, mean), (&mut self.running_variance, variance)] {
             let old = kept.val().detach();

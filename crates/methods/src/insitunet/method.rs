@@ -4,10 +4,10 @@ use super::generator::{GROUPS, image_values, parameters};
 use super::model::InSituNet;
 use super::settings::InSituNetConfig;
 use super::training::InSituNetTraining;
-use crate::{Method, Model, Training, Work, ignored};
+use crate::{Method, MethodWork, Model, Training, ignored};
 use burn::tensor::Device;
 use std::path::Path;
-use volseggs_core::config::sections::Section;
+use volseggs_core::config::sections::ConfigSection;
 use volseggs_core::config::types::Config;
 use volseggs_core::model::SceneError;
 use volseggs_core::train::TrainError;
@@ -18,8 +18,8 @@ use volseggs_volume::data::Dataset;
 pub struct InSituNetMethod;
 
 impl Method for InSituNetMethod {
-    fn section(&self) -> Option<Section> {
-        Some(Section::new::<InSituNetConfig>())
+    fn section(&self) -> Option<ConfigSection> {
+        Some(ConfigSection::new::<InSituNetConfig>())
     }
 
     fn presets(&self) -> &'static [(&'static str, &'static str)] {
@@ -41,7 +41,7 @@ impl Method for InSituNetMethod {
         config.section::<InSituNetConfig>().map_or(0, |settings| settings.steps)
     }
 
-    fn work(&self, config: &Config) -> Option<Work> {
+    fn work(&self, config: &Config) -> Option<MethodWork> {
         let settings = &config.section::<InSituNetConfig>().ok()?;
         let of_pictures = |channels: &[usize]| -> f64 {
             let of = |(k, pair): (usize, &[usize])| {
@@ -60,7 +60,7 @@ impl Method for InSituNetMethod {
         let [trained, statistics] = parameters(settings, &GROUPS);
         let bytes = 20.0 * (trained + statistics) as f64 + 32.0 * batch * image_values(settings) as f64;
         let pixels = (settings.side() * settings.side()) as f64;
-        Some(Work::Network { step: batch * (generator + critic), pixel: generator / pixels, bytes })
+        Some(MethodWork::Network { step: batch * (generator + critic), pixel: generator / pixels, bytes })
     }
 
     fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {

@@ -14,11 +14,11 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
-use volseggs_base::memory::Budget;
+use volseggs_base::memory::MemoryBudget;
 use volseggs_base::rng::{Purpose, Rng};
 use volseggs_core::model::params::{self, HostTensor};
 use volseggs_core::model::{Counts, Model, SceneError};
-use volseggs_kernels::Camera;
+use volseggs_kernels::PinholeCamera;
 
 /// The name of the method, of its configuration section and of the header entry in its file.
 pub(super) const NAME: &str = "insitunet";
@@ -38,7 +38,7 @@ pub struct InSituNetSpec {
 
 impl InSituNetSpec {
     /// The inputs of a view: the time in [-1, 1]; cosine and sine of the azimuth; and the elevation in quarter turns.
-    pub fn inputs(&self, camera: &Camera, time: f32) -> [f32; INPUTS] {
+    pub fn inputs(&self, camera: &PinholeCamera, time: f32) -> [f32; INPUTS] {
         let angles = self.sphere.angles(camera);
         let (sine, cosine) = angles.azimuth.sin_cos();
         [2.0 * time - 1.0, cosine as f32, sine as f32, (1.0 - angles.polar / FRAC_PI_2) as f32]
@@ -78,7 +78,7 @@ impl InSituNet {
         // with few channels, a small file can make a large image
         let picture = image_values(&file.spec.config).saturating_mul(4 * 4);
         let what = format!("a picture of {0}x{0}", file.spec.config.side());
-        Budget::now().check(what, picture).map_err(|e| file::wrong(path, e.to_string()))?;
+        MemoryBudget::now().check(what, picture).map_err(|e| file::wrong(path, e.to_string()))?;
         file.fill(path, Self::new(file.spec.clone(), 0, device))
     }
 }
@@ -86,7 +86,7 @@ impl InSituNet {
 impl Model for InSituNet {
     /// The generator's image, resized to that of the camera; what a pixel shows depends only on its relative position.
     /// Alpha is 1, as the generator outputs only colours.
-    fn image(&self, camera: Camera, time: f32) -> Tensor<3> {
+    fn image(&self, camera: PinholeCamera, time: f32) -> Tensor<3> {
         let (generator, device) = plain(&self.generator);
         let inputs = TensorData::new(self.spec.inputs(&camera, time).to_vec(), [1, INPUTS]);
         let picture = generator.forward(Tensor::from_data(inputs, &device), None);

@@ -2,19 +2,19 @@
 
 use super::discriminator::Discriminator;
 use super::generator::{GROUPS, image_values, parameters};
-use super::layers::Moments;
+use super::layers::BatchMoments;
 use super::model::{INPUTS, InSituNet, InSituNetSpec};
 use super::resize::resized;
 use crate::insitunet::{AdversarialLoss, InSituNetConfig};
 use crate::layers::softplus;
 use crate::learner::{Learner, PYTORCH_ADAM};
-use crate::pixels::Pixels;
+use crate::pixels::PixelEpochs;
 use crate::sphere::ViewSphere;
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, Tensor, TensorData};
 use std::collections::BTreeMap;
 use std::path::Path;
-use volseggs_base::memory::{Budget, product};
+use volseggs_base::memory::{MemoryBudget, product};
 use volseggs_base::rng::{Purpose, Rng};
 use volseggs_core::config::types::Config;
 use volseggs_core::metrics::lpips::{Lpips, LpipsNet};
@@ -23,7 +23,7 @@ use volseggs_core::model::{Model, ToKernel};
 use volseggs_core::train::checkpoint::CheckpointError;
 use volseggs_core::train::optimizer::AdamConstants;
 use volseggs_core::train::watch::LossWatch;
-use volseggs_core::train::{Saved, StepReport, StepTimes, TrainError, Training, evaluation_background, timed};
+use volseggs_core::train::{SavedTraining, StepReport, StepTimes, TrainError, Training, evaluation_background, timed};
 use volseggs_volume::data::{Dataset, Split};
 
 /// Prefix of the names of the discriminator's tensors in a checkpoint.
@@ -40,7 +40,7 @@ pub struct InSituNetTraining {
     /// `None` if its score has no weight.
     critic: Option<Learner<Discriminator>>,
     vgg: Option<Lpips>,
-    views: Pixels,
+    views: PixelEpochs,
     step: usize,
     watch: LossWatch,
     /// With gradients.
@@ -58,7 +58,7 @@ impl InSituNetTraining {
         dataset: &Dataset,
         device: &Device,
     ) -> Result<Self, TrainError> {
-        check_memory(settings, Budget::now())?;
+        check_memory(settings, MemoryBudget::now())?;
         let split = &dataset.train;
         let background = evaluation_background(&config.data.background)?;
         let spec = InSituNetSpec { config: settings.clone(), sphere: ViewSphere::around(split), background };
@@ -74,7 +74,7 @@ impl InSituNetTraining {
             let mut rng = Rng::new(config.seed, 1, Purpose::MethodInit);
             Learner::new(Discriminator::new(settings, &mut rng, &device), adam)
         });
-        let views = Pixels::new(split.frames.len(), 1, 1, config.seed);
+        let views = PixelEpochs::new(split.frames.len(), 1, 1, config.seed);
         let learner = Learner::new(InSituNet::new(spec, config.seed, &device), adam);
         Ok(Self { learner, critic, vgg, views, step: 0, watch, device })
     }
@@ -159,7 +159,7 @@ impl Training for InSituNetTraining {
     fn step(&mut self, split: &Split) -> Result<StepReport, TrainError> {
         let mut times = StepTimes::default();
         let (inputs, truth) = timed(&mut times.data, || self.batch(split));
-        let mut seen: Vec<Moments> = Vec::new();
+        let mut seen: Vec<BatchMoments> = Vec::new();
         let forward = || self.learner.module().generator.forward(inputs.clone(), Some(&mut seen));
         let made = timed(&mut times.deform, forward);
         let loss = timed(&mut times.loss, || {
@@ -188,7 +188,7 @@ impl Training for InSituNetTraining {
         state
     }
 
-    fn resume(&mut self, from: Saved<'_>) -> Result<(), CheckpointError> {
+    fn resume(&mut self, from: SavedTraining<'_>) -> Result<(), CheckpointError> {
         let model = InSituNet::read(from.model, &self.device)?;
         let mut of_critic = BTreeMap::new();
         let mut of_generator = BTreeMap::new();
@@ -218,7 +218,7 @@ fn vgg(path: &Path, device: &Device) -> Result<Lpips, TrainError> {
     }
 }
 
-fn check_memory(settings: &InSituNetConfig, budget: Budget) -> Result<(), TrainError> {
+fn check_memory(settings: &InSituNetConfig, budget: MemoryBudget) -> Result<(), TrainError> {
     let [trained, statistics] = parameters(settings, &GROUPS);
     // parameters, gradients and moments; about eight images are kept per block
     let numbers = trained.saturating_add(statistics).saturating_mul(5);

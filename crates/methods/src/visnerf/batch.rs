@@ -1,9 +1,9 @@
 //! The rays of a step and their samples.
 
-use super::grid::{Times, mixture, neighbours};
+use super::grid::{BatchTimes, mixture, neighbours};
 use super::model::VisNerf;
 use super::rays::RayCamera;
-use crate::pixels::{Pixel, Pixels};
+use crate::pixels::{Pixel, PixelEpochs};
 use burn::tensor::Device;
 use volseggs_base::rng::{Purpose, Rng};
 use volseggs_core::model::ToKernel;
@@ -15,7 +15,7 @@ const TRIES: usize = 16;
 
 /// Rays of all views, with their target colours.
 #[derive(Debug)]
-pub(super) struct Batch {
+pub(super) struct RayBatch {
     pub rays: Vec<Ray>,
     /// Positions in the box, and the ray of each.
     pub samples: Samples,
@@ -29,9 +29,9 @@ pub(super) struct Batch {
     mixtures: Vec<Vec<f32>>,
 }
 
-impl Batch {
+impl RayBatch {
     /// Draws the rays of a step, each with a random offset of its samples.
-    pub fn draw(model: &VisNerf, split: &Split, pixels: &Pixels, step: usize, seed: u64) -> Self {
+    pub fn draw(model: &VisNerf, split: &Split, pixels: &PixelEpochs, step: usize, seed: u64) -> Self {
         let spec = &model.spec;
         let times = split.times();
         let mixtures: Vec<Vec<f32>> = times.iter().map(|time| mixture(spec.knots, spec.part(*time))).collect();
@@ -81,9 +81,9 @@ impl Batch {
     }
 
     /// The times of samples of these rays.
-    pub fn times(&self, rays: impl Iterator<Item = usize>, device: &Device) -> Times {
+    pub fn times(&self, rays: impl Iterator<Item = usize>, device: &Device) -> BatchTimes {
         let of_points: Vec<i32> = rays.map(|ray| self.of_rays[ray]).collect();
-        Times::new(&self.mixtures, &of_points, device)
+        BatchTimes::new(&self.mixtures, &of_points, device)
     }
 }
 

@@ -17,7 +17,7 @@ const START: f32 = 0.1;
 ///
 /// The time vector is concatenated with the products of planes and lines, whereas VolSegGS multiplies it.
 #[derive(Module, Debug)]
-pub struct Grid {
+pub struct FactorisedGrid {
     /// Planes, flattened as described by [`FieldShape`].
     pub planes: Param<Tensor<1>>,
     /// Lines, likewise.
@@ -47,7 +47,7 @@ pub struct GridSize {
 
 /// The times of a batch, and the time of each point.
 #[derive(Clone, Debug)]
-pub struct Times {
+pub struct BatchTimes {
     /// `[T, knots]`: each time as a mixture of training times.
     pub mixtures: Tensor<2>,
     /// `[N]`: the time of each point.
@@ -90,7 +90,7 @@ pub fn neighbours(knots: usize, part: f64) -> [usize; 2] {
     [low, (low + 1).min(knots - 1)]
 }
 
-impl Grid {
+impl FactorisedGrid {
     /// A grid with random planes and lines.
     pub fn new(size: &GridSize, rng: &mut Rng, device: &Device) -> Self {
         let shape = size.shape();
@@ -108,7 +108,7 @@ impl Grid {
     }
 
     /// Features `[N, features]` of points `[N, 3]` in [-1, 1].
-    pub fn forward(&self, points: Tensor<2>, times: &Times) -> Tensor<2> {
+    pub fn forward(&self, points: Tensor<2>, times: &BatchTimes) -> Tensor<2> {
         let device = points.device();
         let ones = Tensor::ones([self.shape.times_len()], &device);
         let products = field(self.planes.val(), self.lines.val(), ones, points, &self.shape, 0.0);
@@ -126,7 +126,7 @@ impl Grid {
     }
 }
 
-impl Times {
+impl BatchTimes {
     /// Mixtures `[T][knots]`, and the time of each point, on a device.
     pub fn new(mixtures: &[Vec<f32>], of_points: &[i32], device: &Device) -> Self {
         let knots = mixtures.first().map_or(0, Vec::len);
@@ -157,7 +157,7 @@ mod tests {
     #[test]
     fn features_are_their_formula() {
         let size = GridSize { resolution: [3, 4, 5], ranks: 2, knots: 3, time_ranks: 2, features: 3 };
-        let grid = Grid::new(&size, &mut Rng::new(1, 0, Purpose::Custom(0)), &device());
+        let grid = FactorisedGrid::new(&size, &mut Rng::new(1, 0, Purpose::Custom(0)), &device());
         let held: usize = params::sizes(&grid).values().sum();
         assert_eq!(size.parameters(), held as u128);
         let [planes, lines] = [&grid.planes, &grid.lines].map(|p| to_vec(p.val()));
@@ -186,7 +186,7 @@ mod tests {
             .collect();
         let device = device();
         let points = Tensor::<2>::from_floats([[x as f32, y as f32, z as f32]], &device);
-        let found = to_vec(grid.forward(points, &Times::new(&[mixture(3, 0.25)], &[0], &device)));
+        let found = to_vec(grid.forward(points, &BatchTimes::new(&[mixture(3, 0.25)], &[0], &device)));
         for c in 0..3 {
             let row = |k: usize| f64::from(basis[3 * k + c]);
             let expected = products[0] * row(0) + products[1] * row(1) + f64::from(START) * (row(2) + row(3));

@@ -1,13 +1,13 @@
 //! Regularisation in addition to the colour loss: density is made sparse, appearance smooth in space and time.
 
-use super::grid::Grid;
-use super::network::Network;
+use super::grid::FactorisedGrid;
+use super::network::VisNerfNetwork;
 use burn::tensor::Tensor;
-use volseggs_kernels::tv::{TvKind, TvReduction, TvWeights, total_variation};
+use volseggs_kernels::tv::{DifferenceReduction, TvKind, TvWeights, total_variation};
 
 /// Weights of the regularisation terms.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Weights {
+pub struct RegularisationWeights {
     /// Weight of the absolute values of the density grid.
     pub sparsity: f64,
     /// Weight of the total variation of appearance planes.
@@ -17,8 +17,8 @@ pub struct Weights {
 }
 
 /// The weighted sum of all terms, `[1]`; `None` if no weight is above 0.
-pub fn regularisers(network: &Network, weights: Weights) -> Option<Tensor<1>> {
-    let Weights { sparsity: sparse, tv, tv_time } = weights;
+pub fn regularisers(network: &VisNerfNetwork, weights: RegularisationWeights) -> Option<Tensor<1>> {
+    let RegularisationWeights { sparsity: sparse, tv, tv_time } = weights;
     let mut terms = Vec::new();
     if sparse > 0.0 {
         terms.push(sparsity(&network.density).mul_scalar(sparse));
@@ -33,7 +33,7 @@ pub fn regularisers(network: &Network, weights: Weights) -> Option<Tensor<1>> {
 }
 
 /// The sum of the mean absolute values of each plane and each line, and of the time vectors' deviation from 1: `[1]`.
-fn sparsity(grid: &Grid) -> Tensor<1> {
+fn sparsity(grid: &FactorisedGrid) -> Tensor<1> {
     let (shape, channels) = (grid.shape(), grid.shape().channels);
     let planes = grid.planes.val();
     let lines = grid.lines.val();
@@ -46,13 +46,13 @@ fn sparsity(grid: &Grid) -> Tensor<1> {
 }
 
 /// Twice the mean squared difference of neighbours on planes, along both axes, times `weight`: `[1]`.
-fn plane_variation(grid: &Grid, weight: f64) -> Tensor<1> {
+fn plane_variation(grid: &FactorisedGrid, weight: f64) -> Tensor<1> {
     let weights = TvWeights {
         space: 2.0 * weight as f32,
         time: 0.0,
         one_prior_space: 0.0,
         one_prior_time: 0.0,
-        reduction: TvReduction::Mean,
+        reduction: DifferenceReduction::Mean,
     };
     let (planes, device) = (grid.planes.val(), grid.planes.val().device());
     // the op weights lines like planes; constant lines add nothing
@@ -62,7 +62,7 @@ fn plane_variation(grid: &Grid, weight: f64) -> Tensor<1> {
 }
 
 /// Twice the mean squared difference of the vectors of neighbouring times: `[1]`; `None` for a single time.
-fn time_variation(grid: &Grid) -> Option<Tensor<1>> {
+fn time_variation(grid: &FactorisedGrid) -> Option<Tensor<1>> {
     let [knots, ranks] = grid.times.dims();
     let times = grid.times.val();
     (knots > 1).then(|| {
@@ -88,12 +88,12 @@ mod tests {
             width: 8,
             ..VisNerfConfig::default()
         };
-        let mut network = Network::new(&config, [3, 4, 2], 3, 1, &device());
+        let mut network = VisNerfNetwork::new(&config, [3, 4, 2], 3, 1, &device());
         let times = Tensor::<2>::from_floats([[0.1, 1.3], [0.4, 0.9], [1.0, 1.0]], &device());
         (network.density.times, network.appearance.times) =
             (Param::from_tensor(times.clone()), Param::from_tensor(times));
         let of = |sparsity: f64, tv: f64, tv_time: f64| {
-            regularisers(&network, Weights { sparsity, tv, tv_time }).map(|t| f64::from(to_vec(t)[0]))
+            regularisers(&network, RegularisationWeights { sparsity, tv, tv_time }).map(|t| f64::from(to_vec(t)[0]))
         };
         assert_eq!(of(0.0, 0.0, 0.0), None);
 

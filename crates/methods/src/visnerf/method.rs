@@ -3,10 +3,10 @@
 use super::model::VisNerf;
 use super::settings::VisNerfConfig;
 use super::training::VisNerfTraining;
-use crate::{Method, Model, Training, Work, ignored};
+use crate::{Method, MethodWork, Model, Training, ignored};
 use burn::tensor::Device;
 use std::path::Path;
-use volseggs_core::config::sections::Section;
+use volseggs_core::config::sections::ConfigSection;
 use volseggs_core::config::types::Config;
 use volseggs_core::model::SceneError;
 use volseggs_core::train::TrainError;
@@ -26,8 +26,8 @@ fn sizes(settings: &VisNerfConfig) -> [f64; 2] {
 }
 
 impl Method for VisNerfMethod {
-    fn section(&self) -> Option<Section> {
-        Some(Section::new::<VisNerfConfig>())
+    fn section(&self) -> Option<ConfigSection> {
+        Some(ConfigSection::new::<VisNerfConfig>())
     }
 
     fn presets(&self) -> &'static [(&'static str, &'static str)] {
@@ -49,7 +49,7 @@ impl Method for VisNerfMethod {
         config.section::<VisNerfConfig>().map_or(0, |settings| settings.steps)
     }
 
-    fn work(&self, config: &Config) -> Option<Work> {
+    fn work(&self, config: &Config) -> Option<MethodWork> {
         let settings = &config.section::<VisNerfConfig>().ok()?;
         let [planes, weights] = sizes(settings);
         // rays cross about half of the box's longest chord, and the number of samples along it grows during training
@@ -58,7 +58,7 @@ impl Method for VisNerfMethod {
         let rays = settings.batch as f64;
         let kept = 8.0 * (settings.width + settings.density_ranks + settings.appearance_ranks) as f64;
         let bytes = 4.0 * (5.0 * planes + rays * samples * kept);
-        Some(Work::Network { step: rays * samples * weights, pixel: of_picture * weights, bytes })
+        Some(MethodWork::Network { step: rays * samples * weights, pixel: of_picture * weights, bytes })
     }
 
     fn start(&self, config: &Config, dataset: &Dataset, device: &Device) -> Result<Box<dyn Training>, TrainError> {

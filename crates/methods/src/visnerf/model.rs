@@ -1,8 +1,8 @@
 //! A trained model: grids and networks in a box, and how images are rendered from them.
 
-use super::grid::{Times, mixture, neighbours};
-use super::network::{Network, parameters};
-use super::occupancy::Occupancy;
+use super::grid::{BatchTimes, mixture, neighbours};
+use super::network::{VisNerfNetwork, parameters};
+use super::occupancy::OccupancyGrid;
 use super::rays::RayCamera;
 use crate::file;
 use crate::learner::plain;
@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use volseggs_core::model::params::{self, HostTensor, to_vec};
 use volseggs_core::model::{Counts, Model, SceneError};
-use volseggs_kernels::Camera;
+use volseggs_kernels::PinholeCamera;
 use volseggs_kernels::march::{Box3, Ray, RaySamples, Samples, cpu, sample};
 use volseggs_volume::data::hull::{Aabb, HullOptions, VisualHull};
 use volseggs_volume::data::{DataError, Split};
@@ -111,10 +111,10 @@ impl VisNerfSpec {
 #[derive(Module, Debug)]
 pub struct VisNerf {
     /// What is trained.
-    pub network: Network,
+    pub network: VisNerfNetwork,
     /// The occupied cells.
     #[module(skip)]
-    pub occupancy: Occupancy,
+    pub occupancy: OccupancyGrid,
     /// Everything else.
     #[module(skip)]
     pub spec: VisNerfSpec,
@@ -123,8 +123,8 @@ pub struct VisNerf {
 impl VisNerf {
     /// A model with random weights.
     pub fn new(spec: VisNerfSpec, seed: u64, device: &Device) -> Self {
-        let network = Network::new(&spec.config, spec.resolution, spec.knots, seed, device);
-        Self { network, occupancy: Occupancy::unknown(), spec }
+        let network = VisNerfNetwork::new(&spec.config, spec.resolution, spec.knots, seed, device);
+        Self { network, occupancy: OccupancyGrid::unknown(), spec }
     }
 
     /// Opens the file of a model.
@@ -137,33 +137,33 @@ impl VisNerf {
         let spec = file.spec.clone();
         spec.check().map_err(|e| file::wrong(path, format!("header: {e}")))?;
         file.check_size(path, parameters(&spec.config, spec.resolution, spec.knots))?;
-        let occupancy = Occupancy::from_tensor(occupancy.as_ref(), spec.config.occupancy, spec.knots);
+        let occupancy = OccupancyGrid::from_tensor(occupancy.as_ref(), spec.config.occupancy, spec.knots);
         let model = file.fill(path, Self::new(spec, 0, device))?;
         Ok(Self { occupancy: occupancy.map_err(|e| file::wrong(path, e))?, ..model })
     }
 
     /// Marks the cells in which the networks have density, at each training time.
-    pub fn occupied(&self) -> Occupancy {
+    pub fn occupied(&self) -> OccupancyGrid {
         let (network, device) = plain(&self.network);
         let spec = &self.spec;
         let side = spec.config.occupancy;
-        let centres = Occupancy::centres(side);
+        let centres = OccupancyGrid::centres(side);
         let distance = spec.config.distance_scale as f32 * spec.render_step().0;
         let least = spec.config.occupancy_threshold as f32;
         let at = |knot: usize| -> Vec<bool> {
             let mut mixture = vec![0.0; spec.knots];
             mixture[knot] = 1.0;
             let densities = centres.chunks(3 * PLACES).flat_map(|places| {
-                let times = Times::new(std::slice::from_ref(&mixture), &vec![0; places.len() / 3], &device);
+                let times = BatchTimes::new(std::slice::from_ref(&mixture), &vec![0; places.len() / 3], &device);
                 to_vec(network.densities(places, &times, &device))
             });
             densities.map(|density| 1.0 - (-density * distance).exp() > least).collect()
         };
-        Occupancy::new(side, (0..spec.knots).map(at).collect())
+        OccupancyGrid::new(side, (0..spec.knots).map(at).collect())
     }
 
     /// Colour and alpha of rays at one time, `[R, 4]`.
-    fn see(&self, network: &Network, rays: &[Ray], time: f64, device: &Device) -> Vec<f32> {
+    fn see(&self, network: &VisNerfNetwork, rays: &[Ray], time: f64, device: &Device) -> Vec<f32> {
         let spec = &self.spec;
         let part = spec.part(time);
         let knots = neighbours(spec.knots, part);
@@ -171,7 +171,7 @@ impl VisNerf {
         let (step, most) = spec.render_step();
         let Samples { points, offsets } =
             sample(rays, spec.bounds(), step, most, |_, point| self.occupancy.holds(knots, point));
-        let times = |n: usize| Times::new(std::slice::from_ref(&mixture), &vec![0; n], device);
+        let times = |n: usize| BatchTimes::new(std::slice::from_ref(&mixture), &vec![0; n], device);
         let distance = spec.config.distance_scale as f32 * step;
         let mut depths = Vec::with_capacity(points.len() / 3);
         for places in points.chunks(3 * PLACES) {
@@ -198,7 +198,7 @@ impl VisNerf {
 }
 
 impl Model for VisNerf {
-    fn image(&self, camera: Camera, time: f32) -> Tensor<3> {
+    fn image(&self, camera: PinholeCamera, time: f32) -> Tensor<3> {
         let (network, device) = plain(&self.network);
         let rays = RayCamera::new(camera);
         let pixels: Vec<usize> = (0..camera.width * camera.height).collect();

@@ -1,6 +1,6 @@
 //! Grids and networks: density of positions, colour of positions seen from directions.
 
-use super::grid::{Grid, GridSize, Times};
+use super::grid::{BatchTimes, FactorisedGrid, GridSize};
 use crate::layers::{layer, pytorch_bound, softplus};
 use crate::visnerf::VisNerfConfig;
 use burn::module::Module;
@@ -13,13 +13,13 @@ use volseggs_kernels::decoder::{DecoderShape, DecoderWeights, decoder};
 
 /// Two hidden layers with ReLU and an output layer without.
 #[derive(Module, Debug)]
-pub struct Mlp {
+pub struct VisNerfMlp {
     first: Layer,
     second: Layer,
     output: Layer,
 }
 
-impl Mlp {
+impl VisNerfMlp {
     /// Weights and biases are initialised as in PyTorch, except for the output's biases, which start at 0.
     fn new([inputs, width, outputs]: [usize; 3], rng: &mut Rng, device: &Device) -> Self {
         let bound = pytorch_bound;
@@ -41,13 +41,13 @@ impl Mlp {
 
 /// All trained parameters.
 #[derive(Module, Debug)]
-pub struct Network {
+pub struct VisNerfNetwork {
     /// The grid of density.
-    pub density: Grid,
+    pub density: FactorisedGrid,
     /// The grid of appearance.
-    pub appearance: Grid,
-    density_mlp: Mlp,
-    colour_mlp: Mlp,
+    pub appearance: FactorisedGrid,
+    density_mlp: VisNerfMlp,
+    colour_mlp: VisNerfMlp,
     octaves: usize,
     pub(super) density_shift: f64,
 }
@@ -86,12 +86,13 @@ fn inputs_wide(config: &VisNerfConfig) -> u128 {
     (3 + config.features as u128).saturating_mul(1 + 2 * config.octaves as u128)
 }
 
-impl Network {
+impl VisNerfNetwork {
     /// A network with random weights.
     pub fn new(config: &VisNerfConfig, resolution: [usize; 3], knots: usize, seed: u64, device: &Device) -> Self {
         let mut rng = Rng::new(seed, 0, Purpose::MethodInit);
-        let [density, appearance] = grid_sizes(config, resolution, knots).map(|s| Grid::new(&s, &mut rng, device));
-        let mut mlp = |outputs: usize| Mlp::new([inputs(config), config.width, outputs], &mut rng, device);
+        let [density, appearance] =
+            grid_sizes(config, resolution, knots).map(|s| FactorisedGrid::new(&s, &mut rng, device));
+        let mut mlp = |outputs: usize| VisNerfMlp::new([inputs(config), config.width, outputs], &mut rng, device);
         Self {
             density,
             appearance,
@@ -103,7 +104,7 @@ impl Network {
     }
 
     /// Densities `[N]`, at least 0, at positions `points` `[N, 3]` in [-1, 1].
-    pub fn densities(&self, points: &[f32], times: &Times, device: &Device) -> Tensor<1> {
+    pub fn densities(&self, points: &[f32], times: &BatchTimes, device: &Device) -> Tensor<1> {
         let n = points.len() / 3;
         let places = Tensor::<2>::from_data(TensorData::new(points.to_vec(), [n, 3]), device);
         let features = self.density.forward(places, times);
@@ -112,7 +113,7 @@ impl Network {
     }
 
     /// Colours `[N, 3]` in [0, 1] at positions `points` `[N, 3]`, seen along unit vectors `directions` `[N, 3]`.
-    pub fn colours(&self, points: &[f32], directions: &[f32], times: &Times, device: &Device) -> Tensor<2> {
+    pub fn colours(&self, points: &[f32], directions: &[f32], times: &BatchTimes, device: &Device) -> Tensor<2> {
         let n = points.len() / 3;
         let places = Tensor::<2>::from_data(TensorData::new(points.to_vec(), [n, 3]), device);
         let features = self.appearance.forward(places, times);
@@ -150,7 +151,7 @@ impl Network {
 }
 
 #[cfg(test)]
-impl Network {
+impl VisNerfNetwork {
     /// The same network with outputs that are always 0.
     pub(super) fn with_outputs_of_zero(mut self) -> Self {
         for mlp in [&mut self.density_mlp, &mut self.colour_mlp] {
@@ -176,7 +177,7 @@ mod tests {
         assert_eq!(inputs(&config), 150);
         assert_eq!(parameters(&config, [128; 3], 30), 3_244_684);
         let small = VisNerfConfig { density_ranks: 4, appearance_ranks: 6, features: 5, width: 8, ..config };
-        let network = Network::new(&small, [3, 4, 5], 7, 0, &device());
+        let network = VisNerfNetwork::new(&small, [3, 4, 5], 7, 0, &device());
         let held: usize = params::sizes(&network).values().sum();
         assert_eq!(parameters(&small, [3, 4, 5], 7), held as u128);
     }
@@ -194,9 +195,9 @@ mod tests {
             ..VisNerfConfig::default()
         };
         let device = device();
-        let network = params::load(Network::new(&config, [3, 4, 5], 3, 0, &device), &reference.0).unwrap();
+        let network = params::load(VisNerfNetwork::new(&config, [3, 4, 5], 3, 0, &device), &reference.0).unwrap();
         let [points, directions] = ["points", "directions"].map(|name| to_vec(reference.input::<2>(name)));
-        let times = Times::new(&[mixture(3, 0.375)], &[0; 9], &device);
+        let times = BatchTimes::new(&[mixture(3, 0.375)], &[0; 9], &device);
         reference.check("densities", network.densities(&points, &times, &device));
         reference.check("colours", network.colours(&points, &directions, &times, &device));
     }
@@ -205,7 +206,7 @@ mod tests {
     fn what_networks_see_are_sines_of_doubled_angles() {
         let config = VisNerfConfig { octaves: 3, features: 2, ..VisNerfConfig::default() };
         let device = device();
-        let network = Network::new(&config, [2; 3], 1, 0, &device);
+        let network = VisNerfNetwork::new(&config, [2; 3], 1, 0, &device);
         let features = Tensor::<2>::from_floats([[0.7, -2.3]], &device);
         let row = to_vec(network.encoded(&[0.1, -0.4, 0.9], features, &device));
         let waves = |values: &[f64], k: i32| -> Vec<f64> {
@@ -227,8 +228,8 @@ mod tests {
     fn densities_start_at_almost_nothing_and_colours_in_the_middle() {
         let device = device();
         let config = VisNerfConfig { width: 16, ..VisNerfConfig::default() };
-        let network = Network::new(&config, [4; 3], 2, 0, &device);
-        let times = Times::new(&[mixture(2, 0.5)], &[0, 0], &device);
+        let network = VisNerfNetwork::new(&config, [4; 3], 2, 0, &device);
+        let times = BatchTimes::new(&[mixture(2, 0.5)], &[0, 0], &device);
         let points = [0.1, 0.2, 0.3, -0.9, 0.0, 1.0];
         assert!(to_vec(network.densities(&points, &times, &device)).iter().all(|v| *v > 1e-5 && *v < 3e-4));
         let colours = to_vec(network.colours(&points, &[0.0, 0.6, 0.8, 1.0, 0.0, 0.0], &times, &device));

@@ -8,13 +8,13 @@ const BITS: usize = 24;
 /// Marked cells of a cubic grid over the box, one grid per training time. Without any cells, everything counts as
 /// marked.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Occupancy {
+pub struct OccupancyGrid {
     side: usize,
     /// `[knots][side^3]`, x fastest.
     cells: Vec<Vec<bool>>,
 }
 
-impl Occupancy {
+impl OccupancyGrid {
     /// The state before anything is known.
     pub fn unknown() -> Self {
         Self::default()
@@ -62,7 +62,7 @@ impl Occupancy {
         (!bits.is_empty()).then(|| HostTensor { shape: vec![values.len()], values })
     }
 
-    /// Reads [`Occupancy::to_tensor`], for grids of the given side at `knots` training times.
+    /// Reads [`OccupancyGrid::to_tensor`], for grids of the given side at `knots` training times.
     ///
     /// # Errors
     /// If the tensor does not fit.
@@ -105,9 +105,9 @@ mod tests {
     #[test]
     fn cells_and_their_neighbours_are_held() {
         let side = 5;
-        let occupancy = Occupancy::new(side, vec![one(side, 2, 0, 4), vec![false; 125]]);
+        let occupancy = OccupancyGrid::new(side, vec![one(side, 2, 0, 4), vec![false; 125]]);
         assert!((occupancy.filled() - 3.0 * 2.0 * 2.0 / 250.0).abs() < 1e-12);
-        let centres = Occupancy::centres(side);
+        let centres = OccupancyGrid::centres(side);
         for (i, point) in centres.chunks(3).enumerate() {
             let [x, y, z] = [i % 5, i / 5 % 5, i / 25];
             let near = x.abs_diff(2) <= 1 && y <= 1 && z >= 3;
@@ -117,22 +117,22 @@ mod tests {
         }
         // edges of the box belong to it
         assert!(occupancy.holds([0, 0], [0.0, -1.0, 1.0]));
-        assert!(Occupancy::unknown().holds([3, 4], [0.0; 3]) && Occupancy::unknown().filled() == 1.0);
+        assert!(OccupancyGrid::unknown().holds([3, 4], [0.0; 3]) && OccupancyGrid::unknown().filled() == 1.0);
     }
 
     #[test]
     fn it_is_written_and_read_to_the_bit() {
         let cells: Vec<Vec<bool>> = (0..3).map(|k| (0..64).map(|i| (i * 7 + k) % 3 == 0).collect()).collect();
-        let occupancy = Occupancy { side: 4, cells };
+        let occupancy = OccupancyGrid { side: 4, cells };
         let tensor = occupancy.to_tensor();
-        assert_eq!(Occupancy::from_tensor(tensor.as_ref(), 4, 3), Ok(occupancy));
-        assert_eq!(Occupancy::from_tensor(None, 4, 3), Ok(Occupancy::unknown()));
-        assert_eq!(Occupancy::unknown().to_tensor(), None);
+        assert_eq!(OccupancyGrid::from_tensor(tensor.as_ref(), 4, 3), Ok(occupancy));
+        assert_eq!(OccupancyGrid::from_tensor(None, 4, 3), Ok(OccupancyGrid::unknown()));
+        assert_eq!(OccupancyGrid::unknown().to_tensor(), None);
         for (side, knots) in [(4, 2), (5, 3), (0, 3), (usize::MAX, 3)] {
-            assert!(Occupancy::from_tensor(tensor.as_ref(), side, knots).is_err(), "{side} {knots}");
+            assert!(OccupancyGrid::from_tensor(tensor.as_ref(), side, knots).is_err(), "{side} {knots}");
         }
         let mut broken = tensor.unwrap();
         broken.values[1] = 0.5;
-        assert!(Occupancy::from_tensor(Some(&broken), 4, 3).is_err());
+        assert!(OccupancyGrid::from_tensor(Some(&broken), 4, 3).is_err());
     }
 }

@@ -1,18 +1,18 @@
 //! Rays through pixels.
 
-use volseggs_kernels::Camera;
+use volseggs_kernels::PinholeCamera;
 use volseggs_kernels::march::Ray;
 
 /// A camera prepared for casting rays through its pixels.
 #[derive(Clone, Copy, Debug)]
 pub struct RayCamera {
-    camera: Camera,
+    camera: PinholeCamera,
     origin: [f32; 3],
 }
 
 impl RayCamera {
     /// Prepares the camera.
-    pub fn new(camera: Camera) -> Self {
+    pub fn new(camera: PinholeCamera) -> Self {
         let across = |k: usize| -(0..3).map(|r| camera.rotation[r][k] * camera.translation[r]).sum::<f32>();
         Self { camera, origin: [across(0), across(1), across(2)] }
     }

@@ -111,7 +111,7 @@ fn empty_places_are_passed_over_and_change_no_picture() {
     assert!(filled > 0.02 && filled < 0.98, "{filled}");
     let camera = data.train.frames[1].camera.to_kernel();
     let skipping = model.render(camera, 0.4);
-    model.occupancy = super::occupancy::Occupancy::unknown();
+    model.occupancy = super::occupancy::OccupancyGrid::unknown();
     let worst = skipping.iter().zip(model.render(camera, 0.4)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
     assert!(worst < 0.04, "{worst}");
 }

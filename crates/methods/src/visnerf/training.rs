@@ -1,22 +1,22 @@
 //! Training: rays of all views at each step, squared colour differences, Adam.
 
-use super::batch::Batch;
-use super::loss::{Weights, regularisers};
+use super::batch::RayBatch;
+use super::loss::{RegularisationWeights, regularisers};
 use super::model::{VisNerf, VisNerfSpec};
 use super::network::parameters;
 use crate::learner::{Learner, PYTORCH_ADAM};
-use crate::pixels::Pixels;
+use crate::pixels::PixelEpochs;
 use crate::visnerf::VisNerfConfig;
 use burn::tensor::{Device, Tensor, TensorData};
 use std::collections::BTreeMap;
 use std::time::Instant;
-use volseggs_base::memory::{Budget, product};
+use volseggs_base::memory::{MemoryBudget, product};
 use volseggs_core::config::types::Config;
 use volseggs_core::model::Model;
 use volseggs_core::model::params::{HostTensor, to_vec};
 use volseggs_core::train::checkpoint::CheckpointError;
 use volseggs_core::train::watch::LossWatch;
-use volseggs_core::train::{Saved, StepReport, StepTimes, TrainError, Training, evaluation_background, timed};
+use volseggs_core::train::{SavedTraining, StepReport, StepTimes, TrainError, Training, evaluation_background, timed};
 use volseggs_kernels::march::{RaySamples, composite, cpu};
 use volseggs_volume::data::{Dataset, Split};
 
@@ -24,7 +24,7 @@ use volseggs_volume::data::{Dataset, Split};
 #[derive(Debug)]
 pub struct VisNerfTraining {
     learner: Learner<VisNerf>,
-    pixels: Pixels,
+    pixels: PixelEpochs,
     seed: u64,
     step: usize,
     watch: LossWatch,
@@ -46,9 +46,9 @@ impl VisNerfTraining {
         let split = &dataset.train;
         let background = evaluation_background(&config.data.background)?;
         let spec = VisNerfSpec::new(settings, split, background)?;
-        check_memory(&spec, Budget::now())?;
+        check_memory(&spec, MemoryBudget::now())?;
         let pixels = split.images.width as usize * split.images.height as usize;
-        let pixels = Pixels::new(split.frames.len(), pixels, pixels, config.seed);
+        let pixels = PixelEpochs::new(split.frames.len(), pixels, pixels, config.seed);
         let watch = LossWatch::new(device, config.output.checkpoint_every, settings.steps);
         let device = device.clone().autodiff();
         let learner = Learner::new(VisNerf::new(spec, config.seed, &device), PYTORCH_ADAM);
@@ -83,7 +83,7 @@ impl VisNerfTraining {
     }
 
     /// The colours of the rays of a batch, `[R, 3]`; `None` if no ray has a sample.
-    fn see(&self, batch: &Batch, times: &mut StepTimes) -> Option<Tensor<2>> {
+    fn see(&self, batch: &RayBatch, times: &mut StepTimes) -> Option<Tensor<2>> {
         let began = Instant::now();
         let model = self.learner.module();
         let (network, spec) = (&model.network, &model.spec);
@@ -116,9 +116,9 @@ impl VisNerfTraining {
     ///
     /// # Errors
     /// [`TrainError::NotFinite`] if it is not finite.
-    fn loss(&mut self, seen: Option<Tensor<2>>, batch: Batch) -> Result<Option<Tensor<1>>, TrainError> {
+    fn loss(&mut self, seen: Option<Tensor<2>>, batch: RayBatch) -> Result<Option<Tensor<1>>, TrainError> {
         let (settings, [_, smoothness]) = (self.settings(), self.decays());
-        let weights = Weights {
+        let weights = RegularisationWeights {
             sparsity: settings.sparsity,
             tv: settings.tv * smoothness,
             tv_time: settings.tv_time * smoothness,
@@ -149,7 +149,7 @@ impl Training for VisNerfTraining {
         let mut times = StepTimes::default();
         let batch = timed(&mut times.data, || {
             self.prepare();
-            Batch::draw(self.learner.module(), split, &self.pixels, self.step, self.seed)
+            RayBatch::draw(self.learner.module(), split, &self.pixels, self.step, self.seed)
         });
         let seen = self.see(&batch, &mut times);
         if let Some(loss) = timed(&mut times.loss, || self.loss(seen, batch))? {
@@ -174,7 +174,7 @@ impl Training for VisNerfTraining {
         self.learner.state()
     }
 
-    fn resume(&mut self, from: Saved<'_>) -> Result<(), CheckpointError> {
+    fn resume(&mut self, from: SavedTraining<'_>) -> Result<(), CheckpointError> {
         let model = VisNerf::read(from.model, &self.device)?;
         self.learner.resume(model, &from.state, from.state_path, &self.device)?;
         self.step = from.step;
@@ -182,7 +182,7 @@ impl Training for VisNerfTraining {
     }
 }
 
-fn check_memory(spec: &VisNerfSpec, budget: Budget) -> Result<(), TrainError> {
+fn check_memory(spec: &VisNerfSpec, budget: MemoryBudget) -> Result<(), TrainError> {
     let config = &spec.config;
     // parameters, gradients and moments
     let held = parameters(config, spec.resolution, spec.knots).saturating_mul(5);

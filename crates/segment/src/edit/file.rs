@@ -20,7 +20,7 @@ impl EditStack {
         let bytes = read_regular(path).map_err(io)?;
         let value: Value =
             serde_json::from_slice(&bytes).map_err(|source| EditError::Json { path: path.to_owned(), source })?;
-        Reader { path }.stack(&value)
+        EditReader { path }.stack(&value)
     }
 
     /// Writes the stack, replacing the file in one step.
@@ -35,11 +35,11 @@ impl EditStack {
     }
 }
 
-struct Reader<'a> {
+struct EditReader<'a> {
     path: &'a Path,
 }
 
-impl Reader<'_> {
+impl EditReader<'_> {
     fn bad(&self, field: impl Into<String>, problem: impl Into<String>) -> EditError {
         EditError::Field { path: self.path.to_owned(), field: field.into(), problem: problem.into() }
     }

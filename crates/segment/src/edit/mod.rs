@@ -18,5 +18,5 @@ pub use apply::{apply, centre};
 pub use error::EditError;
 pub use operation::{Edit, Operation};
 pub use sh::ShRotation;
-pub use stack::{EditStack, Total};
+pub use stack::{CombinedEdit, EditStack};
 pub use state::HIDDEN_LOGIT;

@@ -26,7 +26,7 @@ pub struct EditStack {
 /// The combined effect of the edits by one segment name. Those of wholes that it is a part of, of its parts, and of
 /// other segments with the same Gaussians are not included.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Total {
+pub struct CombinedEdit {
     /// The last colour that it was given, RGB in [0, 1].
     pub rgb: Option<[f32; 3]>,
     /// Factor on its linear opacity.
@@ -35,7 +35,7 @@ pub struct Total {
     pub hidden: bool,
 }
 
-impl Default for Total {
+impl Default for CombinedEdit {
     fn default() -> Self {
         Self { rgb: None, opacity: 1.0, hidden: false }
     }
@@ -82,8 +82,8 @@ impl EditStack {
     }
 
     /// Returns the combined effect of the edits by this segment name.
-    pub fn total(&self, segment: &str) -> Total {
-        let mut total = Total::default();
+    pub fn total(&self, segment: &str) -> CombinedEdit {
+        let mut total = CombinedEdit::default();
         for edit in self.operations.iter().filter(|e| e.segments.iter().any(|name| name == segment)) {
             match edit.operation {
                 Operation::Recolour { rgb, .. } => total.rgb = Some(rgb),
@@ -137,14 +137,14 @@ mod tests {
         }
         stack.push(edit(&["b"], Operation::Show)).unwrap();
         stack.undo();
-        let total = Total { rgb: Some([1.0, 0.5, 0.0]), opacity: 0.25, hidden: true };
-        assert_eq!((stack.total("a"), stack.total("c")), (total, Total::default()));
+        let total = CombinedEdit { rgb: Some([1.0, 0.5, 0.0]), opacity: 0.25, hidden: true };
+        assert_eq!((stack.total("a"), stack.total("c")), (total, CombinedEdit::default()));
         assert!(stack.rename("b", "c") && !stack.rename("b", "d"));
         assert!(!stack.names("b") && stack.names("c"));
         assert_eq!(stack.undone[0].segments, ["c"]);
         stack.redo();
-        assert_eq!(stack.total("c"), Total { hidden: false, ..total });
+        assert_eq!(stack.total("c"), CombinedEdit { hidden: false, ..total });
         stack.push(edit(&["a"], Operation::Opacity { factor: 2.0, show: true })).unwrap();
-        assert_eq!(stack.total("a"), Total { opacity: 0.5, hidden: false, ..total });
+        assert_eq!(stack.total("a"), CombinedEdit { opacity: 0.5, hidden: false, ..total });
     }
 }

@@ -7,14 +7,14 @@
 //! connected to it are told by their edge, see `surface_layers`.
 
 use super::contacts::Contacts;
-use super::pieces::{Touch, pieces};
-use super::samples::{Large, Sample, large};
+use super::pieces::{TouchRule, pieces};
+use super::samples::{GaussianSample, Large, large};
 use super::surface_layers;
 use crate::config::types::SegmentConfig;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::chunks::point;
-use crate::points::neighbours::Grid;
+use crate::points::neighbours::NeighbourGrid;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -69,7 +69,7 @@ fn vote(
     let (material, samples) = (large.material, config.layers.votes);
     let mut votes = vec![vec![material; samples]; large.rows.len()];
     for number in 0..samples {
-        let sample = Sample::of(at, shown, large.thinning, (number, samples));
+        let sample = GaussianSample::take(at, shown, large.thinning, (number, samples));
         let all: Vec<u32> = (0..sample.rows.len() as u32).collect();
         let mut joined: Vec<u32> = sample.rows.iter().map(|&n| before[n]).collect();
         join(&sample.at, &all, &mut joined, &vec![false; all.len()], config)?;
@@ -135,7 +135,7 @@ fn join_pieces(
     fixed: &[bool],
     config: &SegmentConfig,
 ) -> Result<(), PointsError> {
-    let pieces = Pieces::of(at, shown, labels, (opacity, fixed), Touch::seen(&config.pieces))?;
+    let pieces = Pieces::of(at, shown, labels, (opacity, fixed), TouchRule::seen(&config.pieces))?;
     let config = &config.layers;
     let contacts = pieces.contacts(contacts, opacity);
     let touching = |from: usize, to: usize| contacts.get(&(from, to)).map_or(0.0, |w| w / pieces.weights[from]);
@@ -195,7 +195,7 @@ pub(super) fn label_of_nearest(
     known: &[(u32, u32)],
 ) -> Result<impl Fn(u32) -> Option<u32>, PointsError> {
     let place = |i: u32| point(&at.means, i as usize);
-    let grid = Grid::adaptive(&known.iter().flat_map(|(i, _)| place(*i)).collect::<Vec<f32>>())?;
+    let grid = NeighbourGrid::adaptive(&known.iter().flat_map(|(i, _)| place(*i)).collect::<Vec<f32>>())?;
     Ok(move |i| grid.nearest(place(i), 1, None).first().map(|(n, _)| known[*n as usize].1))
 }
 
@@ -219,7 +219,7 @@ impl Pieces {
         shown: &[u32],
         materials: &[u32],
         (opacity, fixed): (&[f64], &[bool]),
-        touch: Touch,
+        touch: TouchRule,
     ) -> Result<Self, PointsError> {
         let mut out = Self {
             labels: vec![None; shown.len()],
@@ -276,7 +276,7 @@ impl Pieces {
         for (n, own) in self.labels.iter().enumerate() {
             let Some(own) = *own else { continue };
             met.clear();
-            met.extend(contacts.of(n).iter().filter_map(|&k| self.labels[k]).filter(|piece| *piece != own));
+            met.extend(contacts.touching(n).iter().filter_map(|&k| self.labels[k]).filter(|piece| *piece != own));
             met.sort_unstable();
             met.dedup();
             met.iter().for_each(|&piece| *out.entry((own, piece)).or_default() += opacity[n]);

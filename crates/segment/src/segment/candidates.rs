@@ -3,11 +3,11 @@
 
 use super::fine::AffinityField;
 use super::fine::extract::cosines;
-use super::fine::network::Frame;
+use super::fine::network::PositionBox;
 use super::necks;
 use super::objects::objects;
 use super::pick::PickError;
-use super::pieces::{Touch, pieces};
+use super::pieces::{TouchRule, pieces};
 use crate::config::types::SegmentConfig;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
@@ -23,7 +23,7 @@ use volseggs_kernels::contrast::FEATURES;
 /// slider.
 const MORE_CACHED: usize = 2;
 
-/// Cached results about candidates, see [`Candidates::with_found`].
+/// Cached results about candidates, see [`ClickCandidates::with_found`].
 #[derive(Debug, Default)]
 pub struct CandidateCache {
     /// Encoded positions `[M, 24]`.
@@ -43,11 +43,11 @@ impl CandidateCache {
     }
 }
 
-/// Cached results about all Gaussians at one time, whatever is searched, see [`Candidates::with_surroundings`].
+/// Cached results about all Gaussians at one time, whatever is searched, see [`ClickCandidates::with_surroundings`].
 #[derive(Debug, Default)]
 pub struct SceneCache {
     pieces: OnceLock<Components>,
-    /// What each Gaussian shows, `[N]`, see [`Candidates::shown`].
+    /// What each Gaussian shows, `[N]`, see [`ClickCandidates::shown`].
     shown: OnceLock<Vec<f64>>,
     /// Its sum.
     total: OnceLock<f64>,
@@ -71,9 +71,9 @@ impl SceneCache {
 
 /// The Gaussians that a click may select.
 #[derive(Debug)]
-pub struct Candidates<'a> {
+pub struct ClickCandidates<'a> {
     field: &'a AffinityField,
-    frame: &'a Frame,
+    frame: &'a PositionBox,
     /// `[N, 3]`
     places: &'a [f32],
     /// All Gaussians `[N]` at the current time.
@@ -88,14 +88,14 @@ pub struct Candidates<'a> {
     around: Arc<SceneCache>,
 }
 
-impl<'a> Candidates<'a> {
+impl<'a> ClickCandidates<'a> {
     /// Candidates among the Gaussians `at` (`[N]`, at the current time): `within` lists their indices `[M]`, ascending,
     /// below N. The `field` is evaluated at `places` `[N, 3]`, scene units, the positions at the time that it was
     /// trained at; `frame` is its box. Candidates that are all Gaussians are taken for the whole scene, see
     /// [`Self::of_segment`].
     pub fn new(
         field: &'a AffinityField,
-        frame: &'a Frame,
+        frame: &'a PositionBox,
         places: &'a [f32],
         at: &'a HostGaussians,
         within: &'a [u32],
@@ -184,7 +184,7 @@ impl<'a> Candidates<'a> {
         if let Some(pieces) = self.found.pieces.get() {
             return Ok(pieces);
         }
-        let pieces = pieces(self.at, self.within, Touch::seen(&self.config.pieces))?;
+        let pieces = pieces(self.at, self.within, TouchRule::seen(&self.config.pieces))?;
         Ok(self.found.pieces.get_or_init(|| pieces))
     }
 
@@ -198,7 +198,7 @@ impl<'a> Candidates<'a> {
         let around = &self.around;
         if around.objects.get().is_none() && around.pieces.get().is_none() {
             let all: Vec<u32> = (0..self.at.len() as u32).collect();
-            let _ = around.pieces.set(pieces(self.at, &all, Touch::seen(&self.config.pieces))?);
+            let _ = around.pieces.set(pieces(self.at, &all, TouchRule::seen(&self.config.pieces))?);
         }
         let labels = around.objects.get().or_else(|| around.pieces.get().map(|pieces| &pieces.labels));
         let labels = labels.map_or(&[][..], Vec::as_slice);
@@ -293,7 +293,7 @@ pub(super) fn total(shown: &[f64]) -> f64 {
     shown.iter().sum::<f64>().max(f64::MIN_POSITIVE)
 }
 
-/// What the Gaussian `i` shows, see [`Candidates::shown`].
+/// What the Gaussian `i` shows, see [`ClickCandidates::shown`].
 ///
 /// # Panics
 /// If `i` is not below N.
@@ -315,10 +315,10 @@ mod tests {
         let device = DeviceName::all()[0].open().unwrap();
         let at = APART.gaussians();
         let field = AffinityField::new(3, &device);
-        let frame = Frame::around(&at.means);
+        let frame = PositionBox::around(&at.means);
         let within: Vec<u32> = (0..at.len() as u32).filter(|i| i % 3 > 0).collect();
         let config = SegmentConfig::default();
-        let new = || Candidates::new(&field, &frame, &at.means, &at, &within, &config);
+        let new = || ClickCandidates::new(&field, &frame, &at.means, &at, &within, &config);
         let mut found = CandidateCache::default();
         // more scales than are cached
         for n in 0..20 {
@@ -333,7 +333,7 @@ mod tests {
         // results kept for another time are those computed afresh there
         let mut later = at.clone();
         later.opacity_logits.iter_mut().step_by(2).for_each(|logit| *logit = -9.0);
-        let new = || Candidates::new(&field, &frame, &at.means, &later, &within, &config);
+        let new = || ClickCandidates::new(&field, &frame, &at.means, &later, &within, &config);
         let kept = new().with_found(found.at_another_time());
         assert_eq!(kept.found.features.borrow().len(), 7);
         assert_eq!(kept.cosines(7, 0.3), new().cosines(7, 0.3));

@@ -6,7 +6,7 @@ use super::colour::{fibonacci_sphere, lab_to_rgb, mean_colour, rgb_to_lab_all};
 use super::material::{Materials, materials};
 use super::material_groups::group;
 use super::palette::{PaletteEntry, name_colours, name_materials};
-use super::pieces::{Touch, pieces};
+use super::pieces::{TouchRule, pieces};
 use crate::config::types::SegmentConfig;
 use crate::config::types::segment::ColourSpace;
 use crate::model::{HostGaussians, OtherTimes, Scene};
@@ -131,7 +131,7 @@ pub fn coarse(
                 continue;
             }
             // thin objects have few neighbours but are connected
-            let found = pieces(gaussians, &members, Touch::all(&config.pieces))?;
+            let found = pieces(gaussians, &members, TouchRule::all(&config.pieces))?;
             let with_others = |n: usize| {
                 let large = |p: u32| found.counts[p as usize] > outliers.min_neighbours;
                 options.threads && found.labels[n].checked_sub(1).is_some_and(large)
@@ -174,7 +174,7 @@ impl Weighed {
 }
 
 /// Labels, from 1, of the Gaussians shown now and of those shown at another time, and the groups' colours `[K, 3]`.
-struct Found {
+struct CoarseGroups {
     shown: Vec<u32>,
     later: Vec<u32>,
     colours: Vec<f32>,
@@ -186,7 +186,7 @@ fn by_material(
     later: &Weighed,
     config: &SegmentConfig,
     uniform: &mut impl FnMut() -> f32,
-) -> Result<Found, PointsError> {
+) -> Result<CoarseGroups, PointsError> {
     let (sh, coefficients) = gaussians.material_colours();
     let all = materials(&sh, coefficients, &config.material)?;
     let rows = |values: &[f32], width: usize, which: &[u32]| -> Vec<f32> {
@@ -209,7 +209,7 @@ fn by_material(
     if config.colour.clusters == 0 && config.groups.unseen {
         found.add_unseen(&neighbours(&later.rows)?, &of_later, &later.weights)?;
     }
-    Ok(Found { later: found.nearest(&of_later), shown: found.labels, colours: found.colours })
+    Ok(CoarseGroups { later: found.nearest(&of_later), shown: found.labels, colours: found.colours })
 }
 
 /// Groups as in the paper: k-means of the colours from [`mean_colour`].
@@ -219,7 +219,7 @@ fn by_mean(
     later: &Weighed,
     config: &SegmentConfig,
     uniform: &mut impl FnMut() -> f32,
-) -> Result<Found, PointsError> {
+) -> Result<CoarseGroups, PointsError> {
     let (sh, coefficients) = gaussians.material_colours();
     let colours = mean_colour(&sh, coefficients, &fibonacci_sphere(DIRECTIONS))?;
     let options = &config.colour;
@@ -243,7 +243,7 @@ fn by_mean(
         ColourSpace::Lab => found.centroids.chunks_exact(3).flat_map(|c| lab_to_rgb([c[0], c[1], c[2]])).collect(),
         _ => found.centroids,
     };
-    Ok(Found { shown: found.labels, later: of_later, colours })
+    Ok(CoarseGroups { shown: found.labels, later: of_later, colours })
 }
 
 /// Relabels Gaussians visible only at other times: each follows its nearest visible Gaussian of the same material.

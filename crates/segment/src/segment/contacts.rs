@@ -5,7 +5,7 @@ use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::chunks::point;
 use crate::points::components::largest_scales;
-use crate::points::neighbours::Grid;
+use crate::points::neighbours::NeighbourGrid;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -15,7 +15,7 @@ pub(super) struct Neighbourhood {
     means: Vec<f32>,
     /// Largest standard deviations `[M]`, scene units.
     radii: Vec<f32>,
-    grid: Grid,
+    grid: NeighbourGrid,
 }
 
 impl Neighbourhood {
@@ -24,7 +24,7 @@ impl Neighbourhood {
     /// # Errors
     /// If the means are not rows of three.
     pub fn new(means: Vec<f32>, radii: Vec<f32>) -> Result<Self, PointsError> {
-        Ok(Self { grid: Grid::adaptive(&means)?, means, radii })
+        Ok(Self { grid: NeighbourGrid::adaptive(&means)?, means, radii })
     }
 
     /// Returns those of the `count` nearest neighbours of row `n` that are within `reach` times the sum of both largest
@@ -47,7 +47,7 @@ impl Neighbourhood {
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn of(&self, rows: &[usize]) -> Result<Self, PointsError> {
+    pub fn subset(&self, rows: &[usize]) -> Result<Self, PointsError> {
         let means = rows.iter().flat_map(|&n| point(&self.means, n)).collect();
         Self::new(means, rows.iter().map(|&n| self.radii[n]).collect())
     }
@@ -57,7 +57,7 @@ impl Neighbourhood {
 pub(super) struct Contacts {
     /// The Gaussians.
     pub all: Neighbourhood,
-    of: Vec<Vec<usize>>,
+    touching: Vec<Vec<usize>>,
 }
 
 impl Contacts {
@@ -71,13 +71,13 @@ impl Contacts {
     pub fn among(at: &HostGaussians, shown: &[u32], config: &ContactsConfig) -> Result<Self, PointsError> {
         let rows = |values: &[f32]| -> Vec<f32> { shown.iter().flat_map(|&i| point(values, i as usize)).collect() };
         let all = Neighbourhood::new(rows(&at.means), largest_scales(&rows(&at.log_scales))?)?;
-        let of = |n: usize| all.within(n, config.neighbours, config.reach).collect();
-        let of = (0..shown.len()).into_par_iter().map(of).collect();
-        Ok(Self { all, of })
+        let touching = |n: usize| all.within(n, config.neighbours, config.reach).collect();
+        let touching = (0..shown.len()).into_par_iter().map(touching).collect();
+        Ok(Self { all, touching })
     }
 
     /// Returns the rows, of [`ContactsConfig::neighbours`] at most, in contact with row `n`, from near to far.
-    pub fn of(&self, n: usize) -> &[usize] {
-        &self.of[n]
+    pub fn touching(&self, n: usize) -> &[usize] {
+        &self.touching[n]
     }
 }

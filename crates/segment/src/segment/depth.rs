@@ -8,7 +8,7 @@ use crate::volume::grid::face_neighbours;
 pub(super) fn depths(solid: &[bool], dims: [usize; 3]) -> Vec<f32> {
     let mut square: Vec<f32> = outside(solid, dims).into_iter().map(|out| if out { 0.0 } else { FAR }).collect();
     let [x, y, z] = dims;
-    let mut line = Line::default();
+    let mut line = LowerEnvelope::default();
     for (count, start, length, step) in [
         (y * z, Box::new(move |n: usize| n * x) as Box<dyn Fn(usize) -> usize>, x, 1),
         (x * z, Box::new(move |n| n / x * x * y + n % x), y, x),
@@ -47,7 +47,7 @@ fn outside(solid: &[bool], [x, y, z]: [usize; 3]) -> Vec<bool> {
 /// The lower envelope of parabolas along a line of cells (Felzenszwalb and Huttenlocher, *Distance transforms of
 /// sampled functions*, 2012); the buffers are reused for all lines.
 #[derive(Default)]
-struct Line {
+struct LowerEnvelope {
     values: Vec<f64>,
     /// Positions of the vertices of the envelope's parabolas.
     vertices: Vec<usize>,
@@ -55,7 +55,7 @@ struct Line {
     from: Vec<f64>,
 }
 
-impl Line {
+impl LowerEnvelope {
     /// Replaces the squared distances along a line by the minimum over the line of squared distance plus squared step.
     fn transform(&mut self, square: &mut [f32], start: usize, length: usize, step: usize) {
         self.values.clear();

@@ -46,7 +46,7 @@ fn ratio(part: u64, whole: u64) -> f64 {
 
 /// A true label and the predicted labels matched to it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Match {
+pub struct LabelMatch {
     /// The true label.
     pub truth: u32,
     /// The predicted labels, ascending; empty if none overlaps.
@@ -124,11 +124,11 @@ impl Confusion {
     ///
     /// Predicted labels are added in descending order of the fraction of their voxels inside the true label, as long as
     /// the score rises, which is optimal.
-    pub fn match_sets(&self) -> Vec<Match> {
+    pub fn match_sets(&self) -> Vec<LabelMatch> {
         self.truth.iter().map(|(&truth, &size)| self.best_set(truth, size)).collect()
     }
 
-    fn best_set(&self, truth: u32, size: u64) -> Match {
+    fn best_set(&self, truth: u32, size: u64) -> LabelMatch {
         let pairs = self.pairs.range((truth, 0)..=(truth, u32::MAX));
         let mut pieces: Vec<(u32, Overlap)> = pairs.map(|(&(_, p), _)| (p, self.overlap(truth, p))).collect();
         // Fractions are compared exactly, by cross-multiplication; ties are broken by label.
@@ -137,7 +137,8 @@ impl Confusion {
                 (u128::from(a.both) * u128::from(b.predicted), u128::from(b.both) * u128::from(a.predicted));
             right.cmp(&left).then(p.cmp(q))
         });
-        let mut chosen = Match { truth, predicted: Vec::new(), overlap: Overlap { truth: size, ..Overlap::default() } };
+        let mut chosen =
+            LabelMatch { truth, predicted: Vec::new(), overlap: Overlap { truth: size, ..Overlap::default() } };
         for (label, piece) in pieces {
             let mut larger = chosen.overlap;
             larger.predicted += piece.predicted;
@@ -154,7 +155,7 @@ impl Confusion {
 
     /// Finds the one-to-one matching of true and predicted labels with the highest sum of Dice scores (the Hungarian
     /// method, `O(n^3)` in the number of labels). Labels that do not overlap are never matched.
-    pub fn match_one_to_one(&self) -> Vec<Match> {
+    pub fn match_one_to_one(&self) -> Vec<LabelMatch> {
         let truth: Vec<u32> = self.truth.keys().copied().collect();
         let predicted: Vec<u32> = self.predicted.keys().copied().collect();
         let n = truth.len().max(predicted.len());
@@ -166,14 +167,14 @@ impl Confusion {
         let one = |(i, &t): (usize, &u32)| {
             let partner = predicted.get(column[i]).copied().filter(|&p| self.overlap(t, p).both > 0);
             let overlap = self.overlap(t, partner.unwrap_or(0));
-            Match { truth: t, predicted: partner.into_iter().collect(), overlap }
+            LabelMatch { truth: t, predicted: partner.into_iter().collect(), overlap }
         };
         truth.iter().enumerate().map(one).collect()
     }
 }
 
 /// Returns the mean Dice score over true labels; `None` without any.
-pub fn mean_dice(matches: &[Match]) -> Option<f64> {
+pub fn mean_dice(matches: &[LabelMatch]) -> Option<f64> {
     let sum: f64 = matches.iter().map(|m| m.overlap.dice()).sum();
     (!matches.is_empty()).then(|| sum / matches.len() as f64)
 }

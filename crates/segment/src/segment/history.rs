@@ -1,7 +1,7 @@
 //! Undo and redo of changes to segments, as for edits: the current segments with the states before and after them, kept
 //! in one file (see [`segmentation`](super::segmentation)).
 
-use super::segmentation::file::{Past, Step, Steps, key, read, write};
+use super::segmentation::file::{HistoryStep, HistorySteps, Past, key, read, write};
 use super::segmentation::{Segment, Segmentation, SegmentationError};
 use crate::name::Name;
 use std::path::Path;
@@ -11,18 +11,18 @@ pub const MAX_CHANGES: usize = 50;
 
 /// Segments with the history of their changes.
 #[derive(Clone, Debug, PartialEq)]
-pub struct History {
+pub struct SegmentHistory {
     now: Segmentation,
-    steps: Steps,
+    steps: HistorySteps,
 }
 
-impl History {
+impl SegmentHistory {
     /// Segments without any history.
     pub fn new(now: Segmentation) -> Self {
-        Self { now, steps: Steps::default() }
+        Self { now, steps: HistorySteps::default() }
     }
 
-    /// Reads a file written by [`History::save`], or one without history.
+    /// Reads a file written by [`SegmentHistory::save`], or one without history.
     ///
     /// # Errors
     /// If the file is missing or damaged.
@@ -44,9 +44,9 @@ impl History {
         &self.now
     }
 
-    /// Replaces the current segments by `segments`; [`History::undo`] restores them. `change` describes what was done,
-    /// such as `remove pair`. Undone changes are discarded, and so are those before the last [`MAX_CHANGES`]. Equal
-    /// `segments` are no change.
+    /// Replaces the current segments by `segments`; [`SegmentHistory::undo`] restores them. `change` describes what was
+    /// done, such as `remove pair`. Undone changes are discarded, and so are those before the last [`MAX_CHANGES`].
+    /// Equal `segments` are no change.
     pub fn change(&mut self, change: impl Into<String>, segments: Vec<Segment>) {
         if segments == self.now.segments {
             // undoing a step that does nothing would only confuse the user
@@ -74,20 +74,20 @@ impl History {
         Ok(())
     }
 
-    /// Returns the renamings that the next `count` calls of [`History::undo`] perform, in order: the name before it,
-    /// then the restored one.
+    /// Returns the renamings that the next `count` calls of [`SegmentHistory::undo`] perform, in order: the name before
+    /// it, then the restored one.
     pub fn undo_renames(&self, count: usize) -> Vec<[Name; 2]> {
         let next = self.steps.undo.iter().rev().take(count).filter_map(|s| s.renamed.clone());
         next.map(|[old, new]| [new, old]).collect()
     }
 
-    /// Returns the renamings that the next `count` calls of [`History::redo`] perform, in order: the name before it,
-    /// then the new one.
+    /// Returns the renamings that the next `count` calls of [`SegmentHistory::redo`] perform, in order: the name before
+    /// it, then the new one.
     pub fn redo_renames(&self, count: usize) -> Vec<[Name; 2]> {
         self.steps.redo.iter().rev().take(count).filter_map(|s| s.renamed.clone()).collect()
     }
 
-    /// Returns whether a state that [`History::undo`] can restore has a segment of this name.
+    /// Returns whether a state that [`SegmentHistory::undo`] can restore has a segment of this name.
     pub fn had(&self, name: &str) -> bool {
         self.steps.undo.iter().flat_map(|s| &s.segments).any(|past| *past.segment.name == *name)
     }
@@ -119,30 +119,30 @@ impl History {
     }
 
     /// Restores the segments of a step; the returned step holds the ones that they replace.
-    fn exchange(&mut self, step: Step) -> (String, Step) {
+    fn exchange(&mut self, step: HistoryStep) -> (String, HistoryStep) {
         let members = &self.steps.members;
         let of =
             |past: Past| Segment { members: members.get(&past.members).cloned().unwrap_or_default(), ..past.segment };
         let segments = step.segments.into_iter().map(of).collect();
         let before = std::mem::replace(&mut self.now.segments, segments);
-        let back = Step { renamed: step.renamed, ..self.store(step.change.clone(), before) };
+        let back = HistoryStep { renamed: step.renamed, ..self.store(step.change.clone(), before) };
         (step.change, back)
     }
 
-    fn store(&mut self, change: String, segments: Vec<Segment>) -> Step {
+    fn store(&mut self, change: String, segments: Vec<Segment>) -> HistoryStep {
         let mut put = |mut segment: Segment| {
             let members = std::mem::take(&mut segment.members);
             let key = key(&members);
             self.steps.members.entry(key.clone()).or_insert(members);
             Past { segment, members: key }
         };
-        Step { change, segments: segments.into_iter().map(&mut put).collect(), renamed: None }
+        HistoryStep { change, segments: segments.into_iter().map(&mut put).collect(), renamed: None }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::segmentation::Origin;
+    use super::super::segmentation::SegmentOrigin;
     use super::*;
     use crate::name::Name;
     use safetensors::SafeTensors;
@@ -154,12 +154,12 @@ mod tests {
             parent: None,
             colour: [0.1, 0.25, 1.0],
             time: 0.3,
-            origin: Origin::Coarse,
+            origin: SegmentOrigin::Coarse,
             members: members.to_vec(),
         }
     }
 
-    fn names(history: &History) -> Vec<&str> {
+    fn names(history: &SegmentHistory) -> Vec<&str> {
         history.now().segments.iter().map(|s| s.name.as_str()).collect()
     }
 
@@ -172,8 +172,8 @@ mod tests {
     }
 
     /// Two segments, then one of them, then none.
-    fn two_changes() -> History {
-        let mut history = History::new(Segmentation::new(10, "abc".into()));
+    fn two_changes() -> SegmentHistory {
+        let mut history = SegmentHistory::new(Segmentation::new(10, "abc".into()));
         history.change("coarse", vec![segment("red", &[1, 5]), segment("blue", &[2, 3])]);
         history.change("remove blue", vec![segment("red", &[1, 5])]);
         history.change("remove red", Vec::new());
@@ -186,9 +186,9 @@ mod tests {
         let path = folder.path().join("segments.safetensors");
         let mut history = two_changes();
         let all = history.clone();
-        let keep = |history: &mut History| {
+        let keep = |history: &mut SegmentHistory| {
             history.save(&path).unwrap();
-            *history = History::load(&path).unwrap();
+            *history = SegmentHistory::load(&path).unwrap();
         };
         keep(&mut history);
         assert_eq!(history.undoable(), ["remove red", "remove blue", "coarse"]);
@@ -225,7 +225,7 @@ mod tests {
         history.rename(&blue, &sky).unwrap();
         assert_eq!((names(&history), history.undoable()[0]), (vec!["red", "sky"], "rename blue sky"));
         history.save(&path).unwrap();
-        let mut history = History::load(&path).unwrap();
+        let mut history = SegmentHistory::load(&path).unwrap();
         assert_eq!(history.undo_renames(9), [[sky.clone(), blue.clone()]]);
         assert!(history.had("blue") && !history.had("sky"));
         history.undo();
@@ -256,13 +256,13 @@ mod tests {
     fn the_oldest_changes_are_forgotten_and_their_members_too() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("segments.safetensors");
-        let mut history = History::new(Segmentation::new(1000, "abc".into()));
+        let mut history = SegmentHistory::new(Segmentation::new(1000, "abc".into()));
         for i in 0..80 {
             history.change(format!("change {i}"), vec![segment("red", &[i])]);
         }
         assert_eq!(history.undoable().len(), MAX_CHANGES);
         history.save(&path).unwrap();
-        let mut history = History::load(&path).unwrap();
+        let mut history = SegmentHistory::load(&path).unwrap();
         assert_eq!(tensors(&path).len(), MAX_CHANGES + 2, "with the current segment and the digest");
         while history.undo().is_some() {}
         assert_eq!(history.now().segments, [segment("red", &[29])]);
@@ -285,11 +285,11 @@ mod tests {
             serde_json::json!({ "format": 1, "gaussians": 9, "scene": "abc", "segments": all, "undo": [], "redo": [] })
         };
         write(entry(&["red"]), &[1, 2]);
-        let mut found = History::load(&path).unwrap();
+        let mut found = SegmentHistory::load(&path).unwrap();
         assert_eq!(names(&found), ["red"]);
         assert_eq!(found.undo(), None);
         let refused = |word: &str| {
-            for error in [History::load(&path).unwrap_err(), Segmentation::load(&path).unwrap_err()] {
+            for error in [SegmentHistory::load(&path).unwrap_err(), Segmentation::load(&path).unwrap_err()] {
                 let error = error.to_string();
                 assert!(error.contains(word) && error.contains("segments.safetensors"), "{error}");
             }
@@ -314,12 +314,12 @@ mod tests {
         for (name, members, word) in [("../x", "k", "cannot be a name"), ("blue", "other", "members other")] {
             with["undo"] = past(name, members);
             write(with.clone(), &[1, 2]);
-            let error = History::load(&path).unwrap_err().to_string();
+            let error = SegmentHistory::load(&path).unwrap_err().to_string();
             assert!(error.contains(word), "{error}");
         }
         with["undo"] = past("blue", "k");
         write(with, &[1, 2]);
-        let mut found = History::load(&path).unwrap();
+        let mut found = SegmentHistory::load(&path).unwrap();
         found.undo().unwrap();
         assert_eq!(names(&found), ["blue"]);
     }

@@ -13,7 +13,7 @@
 //! is a level. Plateaus are sought at several mask scales, so neither the scale nor the cosine is a number tuned to one
 //! scene. (Levels of a component tree are chosen in the same way in images: maximally stable extremal regions.)
 
-use super::candidates::{Candidates, total};
+use super::candidates::{ClickCandidates, total};
 use super::pick::PickError;
 use crate::config::types::segment::LevelsConfig;
 use schemars::JsonSchema;
@@ -36,7 +36,7 @@ pub enum LevelKind {
     Piece,
     /// They are the searched segment.
     Segment,
-    /// They are one object with the clicked part, whatever segments they are in, see [`Candidates::object`].
+    /// They are one object with the clicked part, whatever segments they are in, see [`ClickCandidates::object`].
     Object,
 }
 
@@ -76,14 +76,14 @@ pub struct Level {
 /// Returns the levels at a click on the Gaussian `clicked`, from small to large, and the position of the likeliest.
 /// There is at least one. Unless the candidates are the whole scene, the segment is among them, the piece at the click,
 /// and the clicked part of that if it has several; and the object, parts of which may be no candidates.
-/// Gaussians are weighted by [`Candidates::shown`].
+/// Gaussians are weighted by [`ClickCandidates::shown`].
 ///
 /// # Errors
 /// If `clicked` is not among the candidates, or the arrays of the Gaussians disagree.
 ///
 /// # Panics
 /// If an index of a candidate is not below N.
-pub fn levels(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), PickError> {
+pub fn levels(of: &ClickCandidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), PickError> {
     let (mut found, best) = of_affinity(of, clicked)?;
     let spatial = in_space(of, clicked)?;
     let wholes = wholes(of, clicked)?;
@@ -116,7 +116,7 @@ pub fn levels(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), 
 ///
 /// # Panics
 /// As [`levels`].
-pub fn likeliest(of: &Candidates<'_>, clicked: u32) -> Result<Level, PickError> {
+pub fn likeliest(of: &ClickCandidates<'_>, clicked: u32) -> Result<Level, PickError> {
     if let Some(level) = in_space(of, clicked)?.into_iter().next() {
         return Ok(level);
     }
@@ -132,7 +132,7 @@ pub fn likeliest(of: &Candidates<'_>, clicked: u32) -> Result<Level, PickError> 
 ///
 /// # Panics
 /// If an index of a candidate is not below N.
-pub fn prepare(of: &Candidates<'_>) -> Result<(), PickError> {
+pub fn prepare(of: &ClickCandidates<'_>) -> Result<(), PickError> {
     of.shown();
     let config = &of.config.levels;
     if config.plateaus {
@@ -153,7 +153,7 @@ pub fn prepare(of: &Candidates<'_>) -> Result<(), PickError> {
 
 /// Returns the plateaus of the affinity, from small to large, at least one, and the position of the likeliest. Without
 /// plateaus, it is the selection at one scale and cosine.
-fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), PickError> {
+fn of_affinity(of: &ClickCandidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize), PickError> {
     let (within, position) = (of.within, of.position(clicked)?);
     let shown = of.shown();
     let weights: Vec<f64> = within.iter().map(|&i| shown[i as usize]).collect();
@@ -191,14 +191,14 @@ fn of_affinity(of: &Candidates<'_>, clicked: u32) -> Result<(Vec<Level>, usize),
 }
 
 /// Returns a level that needs no affinity.
-fn level_of(of: &Candidates<'_>, kind: LevelKind, members: Vec<u32>) -> Level {
+fn level_of(of: &ClickCandidates<'_>, kind: LevelKind, members: Vec<u32>) -> Level {
     let shown = of.shown();
     let share = of.share(members.iter().map(|&i| shown[i as usize]).sum());
     Level { kind, scale: 1.0, threshold: -1.0, stability: 1.0, share, members }
 }
 
 /// Returns the levels that may be more than the piece: the segment, unless the whole scene is searched, and the object.
-fn wholes(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
+fn wholes(of: &ClickCandidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
     let segment = Some(of.within.to_vec()).filter(|_| !of.whole).map(|all| (LevelKind::Segment, all));
     let object = Some(of.object(clicked)?).filter(|all| !all.is_empty()).map(|all| (LevelKind::Object, all));
     Ok(segment.into_iter().chain(object).map(|(kind, members)| level_of(of, kind, members)).collect())
@@ -206,7 +206,7 @@ fn wholes(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
 
 /// Returns the spatial levels at a click: the clicked part of the piece if it has several, then the piece; none in a
 /// whole scene, if pieces are no levels, or if the clicked Gaussian is in no piece.
-fn in_space(of: &Candidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
+fn in_space(of: &ClickCandidates<'_>, clicked: u32) -> Result<Vec<Level>, PickError> {
     let position = of.position(clicked)?;
     if of.whole || !of.config.levels.pieces {
         return Ok(Vec::new());

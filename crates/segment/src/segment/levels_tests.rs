@@ -5,7 +5,7 @@ use crate::config::types::SegmentConfig;
 use crate::config::types::segment::{AffinityConfig, PiecesConfig};
 use crate::device::DeviceName;
 use crate::segment::fine::AffinityField;
-use crate::segment::fine::network::Frame;
+use crate::segment::fine::network::PositionBox;
 use crate::segment::fine::train::train;
 use crate::segment::pick::{Granularity, PickOptions, pick};
 use crate::segment::test_support::{APART, COUNT, surfaces};
@@ -19,8 +19,8 @@ fn a_click_on_a_ball_selects_it_and_pick_uses_the_same_levels() {
     let field = train(&APART.prepared(&at), &options, 0, &device, |_, _| true).unwrap();
     let strays = PiecesConfig { strays: false, ..PiecesConfig::default() };
     let config = SegmentConfig { pieces: strays, ..SegmentConfig::default() };
-    let frame = Frame::around(&at.means);
-    let of = |within| Candidates::new(&field, &frame, &at.means, &at, within, &config);
+    let frame = PositionBox::around(&at.means);
+    let of = |within| ClickCandidates::new(&field, &frame, &at.means, &at, within, &config);
     let all: Vec<u32> = (0..at.len() as u32).collect();
     let balls = [&all[..COUNT], &all[COUNT..]];
     for clicked in [3, 31, COUNT as u32 + 7] {
@@ -64,9 +64,9 @@ fn a_click_on_one_of_two_touching_beads_selects_it_and_a_higher_level_has_both()
     let (device, config) = (DeviceName::all()[0].open().unwrap(), SegmentConfig::default());
     // a third one far away, so that the beads are not the whole scene
     let (at, bead_of) = surfaces(&[(-0.9, 1.0), (0.9, 1.0), (9.0, 0.5)]);
-    let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
+    let (field, frame) = (AffinityField::new(1, &device), PositionBox::around(&at.means));
     let within: Vec<u32> = (0..at.len() as u32).filter(|&i| bead_of[i as usize] < 2).collect();
-    let of = Candidates::new(&field, &frame, &at.means, &at, &within, &config);
+    let of = ClickCandidates::new(&field, &frame, &at.means, &at, &within, &config);
     for bead in 0..2 {
         let own: Vec<u32> = within.iter().copied().filter(|&i| bead_of[i as usize] == bead).collect();
         let clicked = own[own.len() / 2];
@@ -84,9 +84,9 @@ fn a_click_on_one_of_two_touching_beads_selects_it_and_a_higher_level_has_both()
 fn a_segment_of_all_gaussians_has_pieces_and_the_whole_scene_has_none() {
     let (device, config) = (DeviceName::all()[0].open().unwrap(), SegmentConfig::default());
     let at = APART.gaussians();
-    let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
+    let (field, frame) = (AffinityField::new(1, &device), PositionBox::around(&at.means));
     let all: Vec<u32> = (0..at.len() as u32).collect();
-    let of = |segment| Candidates::new(&field, &frame, &at.means, &at, &all, &config).of_segment(segment);
+    let of = |segment| ClickCandidates::new(&field, &frame, &at.means, &at, &all, &config).of_segment(segment);
     let (found, n) = levels(&of(true), 31).unwrap();
     assert!(found[n].kind == LevelKind::Piece && likeliest(&of(true), 31).unwrap() == found[n]);
     assert!(
@@ -101,12 +101,12 @@ fn the_whole_segment_and_all_that_is_connected_are_levels_too() {
     let (device, config) = (DeviceName::all()[0].open().unwrap(), SegmentConfig::default());
     // two balls that touch, of two colours, and a third, of the first colour, far away
     let (at, ball_of) = surfaces(&[(-0.97, 1.0), (0.97, 1.0), (9.0, 0.5)]);
-    let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
+    let (field, frame) = (AffinityField::new(1, &device), PositionBox::around(&at.means));
     let balls = |wanted: &[usize]| -> Vec<u32> {
         (0..at.len() as u32).filter(|&i| wanted.contains(&ball_of[i as usize])).collect()
     };
     let within = balls(&[0, 2]);
-    let of = Candidates::new(&field, &frame, &at.means, &at, &within, &config);
+    let of = ClickCandidates::new(&field, &frame, &at.means, &at, &within, &config);
     let clicked = balls(&[0])[7];
     let take = |meaning| pick(&of, clicked, &PickOptions { meaning, ..PickOptions::default() });
     for (kind, expected) in
@@ -148,10 +148,10 @@ fn non_finite_gaussians_weigh_nothing_and_match_nothing() {
     (at.log_scales[0], at.opacity_logits[1]) = (f32::NAN, f32::INFINITY);
     assert_eq!(sizes(&[f32::NAN, 2.0], &[5.0, 1.0], 0.5, &SegmentConfig::default().levels)[0], 1.0);
     let (device, config) = (DeviceName::all()[0].open().unwrap(), SegmentConfig::default());
-    let (field, frame) = (AffinityField::new(1, &device), Frame::around(&at.means));
+    let (field, frame) = (AffinityField::new(1, &device), PositionBox::around(&at.means));
     at.means[30] = f32::NAN;
     let all: Vec<u32> = (0..at.len() as u32).collect();
-    let of = Candidates::new(&field, &frame, &at.means, &at, &all, &config);
+    let of = ClickCandidates::new(&field, &frame, &at.means, &at, &all, &config);
     let (found, likeliest) = levels(&of, 10).unwrap();
     assert!(found[likeliest].members.contains(&10));
 }

@@ -54,7 +54,7 @@ impl MaterialGroups {
             let mass: f64 = rows.iter().map(|&i| f64::from(weights[i as usize])).sum();
             let unknown = |c: &Centre| c.squared_in_plane(peak) > config.unknown * config.unknown;
             if mass > 0.0 && mass >= config.unseen_share * total && self.centres[..shown].iter().all(unknown) {
-                let centre = Centre::of(&Members { rows, light: 0.0 }, &smooth, &weights, config.clear);
+                let centre = Centre::weighted(&Members { rows, light: 0.0 }, &smooth, &weights, config.clear);
                 self.colours.extend(to_rgb(from_plane(centre.shown, knee), centre.brightest));
                 self.centres.push(centre);
             }
@@ -104,7 +104,7 @@ pub fn group(
     if clusters > 0 {
         parts = number::exactly(parts, clusters, &smooth, &weights, (config, uniform))?;
     }
-    let centres: Vec<Centre> = parts.iter().map(|p| Centre::of(p, &smooth, &weights, config.clear)).collect();
+    let centres: Vec<Centre> = parts.iter().map(|p| Centre::weighted(p, &smooth, &weights, config.clear)).collect();
     let by_itself =
         || per_row(smooth.plane.len(), |i| nearest_label(&centres, smooth.plane[i], smooth.light[i], config));
     let mut labels = if config.vote { vote(&smooth, &centres, neighbours, config) } else { by_itself() };

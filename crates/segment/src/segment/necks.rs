@@ -13,8 +13,8 @@ use super::place::density::solid;
 use super::place::{Cloud, PlaceError};
 use crate::config::types::segment::NecksConfig;
 use crate::model::HostGaussians;
-use crate::points::flood::{Mode, flood};
-use crate::points::neighbours::Grid as Neighbours;
+use crate::points::flood::{DensityPeak, flood};
+use crate::points::neighbours::NeighbourGrid;
 use crate::volume::grid::Grid;
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -49,7 +49,7 @@ pub fn parts(body: &HostGaussians, config: &NecksConfig) -> Result<Vec<u32>, Pla
         }
     };
     let large = |low: f32, top: f32| low >= config.min_depth && low >= config.min_relative_depth * top;
-    let parted = |low: &Mode, top: &Mode, c: usize| {
+    let parted = |low: &DensityPeak, top: &DensityPeak, c: usize| {
         let (low, top) = (depth[low.summit], depth[top.summit]);
         large(low, top) && depth[c] < config.neck * low
     };
@@ -102,7 +102,7 @@ fn joined(body: &HostGaussians, own: &[u32]) -> Vec<u32> {
     let known: Vec<f32> =
         own.iter().enumerate().flat_map(|(i, l)| if *l > 0 { place(i) } else { [f32::NAN; 3] }).collect();
     // rows of three by construction
-    let Ok(near) = Neighbours::adaptive(&known) else { return own.to_vec() };
+    let Ok(near) = NeighbourGrid::adaptive(&known) else { return own.to_vec() };
     let nearest = |i: usize| near.nearest(place(i), 1, None).first().map_or(1, |(j, _)| own[*j as usize]);
     (0..own.len()).into_par_iter().map(|i| if own[i] > 0 { own[i] } else { nearest(i) }).collect()
 }

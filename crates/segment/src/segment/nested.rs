@@ -36,7 +36,7 @@ pub fn objects(
     for (n, &i) in shown.iter().enumerate() {
         let (own, opacity) = (i as usize, f64::from(at.opacity_of(i as usize)));
         *weights.entry(part[own]).or_default() += opacity;
-        let others = contacts.of(n).iter().map(|&k| shown[k] as usize).filter(|&k| segment[k] != segment[own]);
+        let others = contacts.touching(n).iter().map(|&k| shown[k] as usize).filter(|&k| segment[k] != segment[own]);
         let mut others: Vec<(u32, u32)> = others.map(|k| (segment[k], part[k])).collect();
         others.sort_unstable();
         others.dedup();

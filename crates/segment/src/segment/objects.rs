@@ -11,7 +11,7 @@ use crate::config::types::segment::ObjectsConfig;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::components::largest_scales;
-use crate::points::regions::{self, Edge};
+use crate::points::regions::{self, WeightedEdge};
 use crate::points::union_find::UnionFind;
 use kodama::{Method, linkage};
 use rayon::prelude::*;
@@ -118,7 +118,7 @@ fn touching(body: &HostGaussians, neighbours: usize, reach: f32) -> Result<Vec<(
 }
 
 /// The same pairs with weights: the more the feature changes, relative to the median change, the lower the weight.
-fn weighted(features: &[f32], touching: &[(u32, u32)]) -> Vec<Edge> {
+fn weighted(features: &[f32], touching: &[(u32, u32)]) -> Vec<WeightedEdge> {
     let change = |&(a, b): &(u32, u32)| f64::from(distance(row(features, a as usize), row(features, b as usize)));
     let changes: Vec<f64> = touching.par_iter().map(change).collect();
     let mut sorted = changes.clone();

@@ -1,7 +1,7 @@
 //! Colours that encode a quantity, in place of the trained ones: the segment of a Gaussian, its speed, the distance of
 //! a pixel. The quantities are computed elsewhere (see `track::velocity`, `pictures`).
 
-use super::pictures::Picture;
+use super::pictures::GaussianPicture;
 use super::segmentation::Segmentation;
 use crate::model::HostGaussians;
 use crate::model::sh::C0;
@@ -77,7 +77,7 @@ fn share(v: f32) -> f32 {
 }
 
 /// The nearest and the farthest depth that `picture` shows, scene units; `None` if it shows none.
-pub fn depth_range(picture: &Picture) -> Option<[f32; 2]> {
+pub fn depth_range(picture: &GaussianPicture) -> Option<[f32; 2]> {
     let seen = picture.depth.iter().zip(picture.rgba.chunks_exact(4)).filter(|(_, p)| p[3] >= MIN_ALPHA);
     seen.fold(None, |range, (&d, _)| {
         let [near, far] = range.unwrap_or([d, d]);
@@ -87,7 +87,7 @@ pub fn depth_range(picture: &Picture) -> Option<[f32; 2]> {
 
 /// The depth of `picture` as colours of a map (see [`named`]), `[H, W, 4]`: its end at `near` and nearer, its beginning
 /// at `far` and farther, scene units; `background` where next to nothing is drawn.
-pub fn depth_colours(picture: &Picture, [near, far]: [f32; 2], background: [f32; 3], map: &str) -> Vec<f32> {
+pub fn depth_colours(picture: &GaussianPicture, [near, far]: [f32; 2], background: [f32; 3], map: &str) -> Vec<f32> {
     let map = named(map).unwrap_or_default();
     let pixels = picture.depth.iter().zip(picture.rgba.chunks_exact(4));
     pixels
@@ -103,7 +103,7 @@ pub fn depth_colours(picture: &Picture, [near, far]: [f32; 2], background: [f32;
 mod tests {
     use super::*;
     use crate::name::Name;
-    use crate::segment::segmentation::{Origin, Segment};
+    use crate::segment::segmentation::{Segment, SegmentOrigin};
 
     fn gaussians(n: usize) -> HostGaussians {
         HostGaussians {
@@ -127,7 +127,7 @@ mod tests {
         let mut add = |name: &str, parent: Option<&str>, colour, members: &[u32]| {
             let (name, parent, members) =
                 (Name::new(name).unwrap(), parent.map(|p| Name::new(p).unwrap()), members.to_vec());
-            let segment = Segment { name, parent, colour, time: 0.0, origin: Origin::Coarse, members };
+            let segment = Segment { name, parent, colour, time: 0.0, origin: SegmentOrigin::Coarse, members };
             all.add(segment).unwrap();
         };
         let [red, green, blue] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -167,7 +167,7 @@ mod tests {
     fn depth_is_coloured_where_something_is_visible() {
         let alpha = [0.0, 0.05, 0.9, 0.5, 1.0];
         let rgba = alpha.iter().flat_map(|a| [0.3, 0.3, 0.3, *a]).collect();
-        let picture = Picture { width: 5, height: 1, rgba, depth: vec![0.0, 9.0, 2.0, 3.0, 4.0] };
+        let picture = GaussianPicture { width: 5, height: 1, rgba, depth: vec![0.0, 9.0, 2.0, 3.0, 4.0] };
         let range = depth_range(&picture).unwrap();
         assert_eq!(range, [2.0, 4.0]);
         let image = depth_colours(&picture, range, [1.0, 0.0, 1.0], "viridis");
@@ -177,6 +177,6 @@ mod tests {
         assert!(light(2) > light(3) && light(3) > light(4), "{image:?}");
         // a single depth must not divide by zero
         assert!(depth_colours(&picture, [2.0, 2.0], [0.0; 3], "viridis").iter().all(|v| v.is_finite()));
-        assert_eq!(depth_range(&Picture { width: 0, height: 0, rgba: vec![], depth: vec![] }), None);
+        assert_eq!(depth_range(&GaussianPicture { width: 0, height: 0, rgba: vec![], depth: vec![] }), None);
     }
 }

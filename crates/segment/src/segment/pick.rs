@@ -4,7 +4,7 @@
 //! the evaluation measures what a user gets.
 
 use super::baselines::saga::SagaModel;
-use super::candidates::Candidates;
+use super::candidates::ClickCandidates;
 use super::click::heaviest;
 use super::levels::{Level, LevelKind, levels, likeliest};
 use super::pieces::without_strays;
@@ -56,7 +56,7 @@ pub struct PickOptions {
 
 /// What a click selected.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Picked {
+pub struct PickedGaussians {
     /// The Gaussians, ascending; empty where only strays are similar to the clicked one.
     pub members: Vec<u32>,
     /// The mask scale that was used.
@@ -71,7 +71,7 @@ pub struct Picked {
     pub level: Option<usize>,
 }
 
-impl From<Level> for Picked {
+impl From<Level> for PickedGaussians {
     /// The level alone, including its strays.
     fn from(level: Level) -> Self {
         let Level { members, scale, threshold, kind, .. } = level;
@@ -154,18 +154,18 @@ pub fn meant(under: &[(u32, f32)], majority: bool, segment: impl Fn(u32) -> Opti
 ///
 /// # Panics
 /// If an index of a candidate is not below N.
-pub fn pick(of: &Candidates<'_>, clicked: u32, options: &PickOptions) -> Result<Picked, PickError> {
+pub fn pick(of: &ClickCandidates<'_>, clicked: u32, options: &PickOptions) -> Result<PickedGaussians, PickError> {
     options.meaning.check()?;
     let position = of.position(clicked)?;
     let by_hand = |(scale, threshold): (f32, f32)| {
         let like = of.alike(position, scale, threshold);
         let members = of.within.iter().zip(like).filter(|(_, like)| *like).map(|(m, _)| *m).collect();
-        Picked { members, scale, threshold, ..Picked::default() }
+        PickedGaussians { members, scale, threshold, ..PickedGaussians::default() }
     };
     let mut picked = match options.meaning {
         Granularity::By { scale, threshold } => {
             let found = if options.list { levels(of, clicked)?.0 } else { Vec::new() };
-            Picked { levels: found, ..by_hand((scale, threshold)) }
+            PickedGaussians { levels: found, ..by_hand((scale, threshold)) }
         }
         Granularity::Likeliest if !options.list => likeliest(of, clicked)?.into(),
         Granularity::Likeliest | Granularity::Level(_) | Granularity::OfKind(_) => {
@@ -179,8 +179,8 @@ pub fn pick(of: &Candidates<'_>, clicked: u32, options: &PickOptions) -> Result<
                 }
                 _ => likeliest,
             };
-            let taken = Picked::from(found[level].clone());
-            Picked { levels: found, level: Some(level), ..taken }
+            let taken = PickedGaussians::from(found[level].clone());
+            PickedGaussians { levels: found, level: Some(level), ..taken }
         }
     };
     // only the affinity can select what does not touch the rest by mistake
@@ -231,7 +231,7 @@ mod tests {
     use crate::config::types::segment::PiecesConfig;
     use crate::device::DeviceName;
     use crate::segment::fine::AffinityField;
-    use crate::segment::fine::network::Frame;
+    use crate::segment::fine::network::PositionBox;
     use crate::segment::test_support::{APART, COUNT};
 
     #[test]
@@ -251,10 +251,10 @@ mod tests {
     fn only_candidates_are_selected_and_always_the_clicked_one() {
         let device = DeviceName::all()[0].open().unwrap();
         let (at, field) = (APART.gaussians(), AffinityField::new(3, &device));
-        let frame = Frame::around(&at.means);
+        let frame = PositionBox::around(&at.means);
         let pieces = PiecesConfig { strays: false, ..PiecesConfig::default() };
         let config = SegmentConfig { pieces, ..SegmentConfig::default() };
-        let of = |within| Candidates::new(&field, &frame, &at.means, &at, within, &config);
+        let of = |within| ClickCandidates::new(&field, &frame, &at.means, &at, within, &config);
         let within: Vec<u32> = (0..COUNT as u32).collect();
         let by = |threshold| PickOptions { meaning: Granularity::By { scale: 0.5, threshold }, list: false };
         let all = by(-1.0);

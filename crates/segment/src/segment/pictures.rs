@@ -8,7 +8,7 @@ use volseggs_kernels::splat::SplatSettings;
 
 /// A picture of Gaussians alone.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Picture {
+pub struct GaussianPicture {
     /// Width in pixels.
     pub width: usize,
     /// Height in pixels.
@@ -35,7 +35,7 @@ pub fn share(gaussians: &HostGaussians, members: &[u32], settings: SplatSettings
 }
 
 /// Draws `gaussians`.
-pub fn picture(gaussians: &HostGaussians, settings: SplatSettings, device: &Device) -> Picture {
+pub fn picture(gaussians: &HostGaussians, settings: SplatSettings, device: &Device) -> GaussianPicture {
     let rgba = draw(gaussians, settings, device);
     // depth in place of colour, over nothing
     let camera = settings.camera;
@@ -45,7 +45,7 @@ pub fn picture(gaussians: &HostGaussians, settings: SplatSettings, device: &Devi
     let shares = gaussians.means.chunks_exact(3).map(|m| [depth_of(m).max(0.0) / far; 3]);
     let depths = draw(&flat(gaussians.clone(), shares), over_nothing(settings), device);
     let depth = depths.chunks_exact(4).map(|p| if p[3] > 1.0 / 255.0 { far * p[0] / p[3] } else { 0.0 }).collect();
-    Picture { width: camera.width, height: camera.height, rgba, depth }
+    GaussianPicture { width: camera.width, height: camera.height, rgba, depth }
 }
 
 /// The means of `values` `[N, 3]` over what each pixel shows, weighted like colours, `[H, W, 3]`; NaN where nothing is

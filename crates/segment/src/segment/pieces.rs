@@ -7,14 +7,14 @@ use crate::points::components::{ComponentFilter, Components, components_touching
 
 /// When Gaussians are connected.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Touch {
+pub struct TouchRule {
     /// Maximum distance of two Gaussians, as a multiple of the sum of their largest standard deviations.
     pub reach: f32,
     /// Minimum opacity of Gaussians that connect others.
     pub min_opacity: f32,
 }
 
-impl Touch {
+impl TouchRule {
     /// Visible Gaussians are connected.
     pub fn seen(config: &PiecesConfig) -> Self {
         Self { reach: config.reach, min_opacity: config.min_opacity }
@@ -34,7 +34,7 @@ impl Touch {
 ///
 /// # Panics
 /// If a member is not below N.
-pub fn pieces(at: &HostGaussians, members: &[u32], touch: Touch) -> Result<Components, PointsError> {
+pub fn pieces(at: &HostGaussians, members: &[u32], touch: TouchRule) -> Result<Components, PointsError> {
     let rows = |values: &[f32]| -> Vec<f32> {
         members.iter().flat_map(|&i| &values[3 * i as usize..][..3]).copied().collect()
     };
@@ -63,7 +63,7 @@ pub fn without_strays(
     kept: Option<u32>,
     config: &PiecesConfig,
 ) -> Result<Vec<u32>, PointsError> {
-    let found = pieces(at, members, Touch::all(config))?;
+    let found = pieces(at, members, TouchRule::all(config))?;
     let own = kept.and_then(|kept| members.binary_search(&kept).ok()).map_or(0, |row| found.labels[row]);
     let large = large(&found, config.stray);
     let stays = |label: u32| label > 0 && (label == own || large(label));
@@ -77,7 +77,7 @@ pub fn without_strays(
 /// If the arrays of `at` disagree, or points are too far apart.
 pub fn strays(at: &HostGaussians, config: &PiecesConfig) -> Result<Vec<bool>, PointsError> {
     let visible: Vec<u32> = (0..at.len() as u32).filter(|&i| at.opacity_of(i as usize) >= config.min_opacity).collect();
-    let found = pieces(at, &visible, Touch::seen(config))?;
+    let found = pieces(at, &visible, TouchRule::seen(config))?;
     let large = large(&found, config.stray);
     let mut stray = vec![false; at.len()];
     for (&i, &label) in visible.iter().zip(&found.labels) {
@@ -119,11 +119,11 @@ mod tests {
         assert_eq!(without_strays(&at, &all, Some(3), &config).unwrap(), all[..40]);
         assert_eq!(strays(&at, &config).unwrap(), (0..n).map(|i| i == 40).collect::<Vec<_>>());
         at.opacity_logits[13..18].fill(-8.0);
-        let parted = pieces(&at, &all, Touch::seen(&config)).unwrap().labels;
+        let parted = pieces(&at, &all, TouchRule::seen(&config)).unwrap().labels;
         assert_eq!((parted[15], parted[12] == parted[18]), (0, false), "invisible Gaussians connect nothing");
-        assert_eq!(pieces(&at, &all, Touch::all(&config)).unwrap().labels[..30], [1; 30]);
+        assert_eq!(pieces(&at, &all, TouchRule::all(&config)).unwrap().labels[..30], [1; 30]);
         at.opacity_logits[..2].fill(f32::NAN);
-        let without = pieces(&at, &all, Touch::seen(&config)).unwrap().labels;
+        let without = pieces(&at, &all, TouchRule::seen(&config)).unwrap().labels;
         assert_eq!((without[0], without[1], without[2]), (0, 0, without[3]), "nor do those without an opacity");
         assert!(without[2] > 0);
         at.opacity_logits[..2].fill(1.0);

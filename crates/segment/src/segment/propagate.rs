@@ -18,7 +18,7 @@ use crate::model::{HostGaussians, Scene};
 use crate::points::PointsError;
 use crate::points::chunks::point;
 use crate::points::components::largest_scales;
-use crate::points::neighbours::Grid;
+use crate::points::neighbours::NeighbourGrid;
 use rayon::prelude::*;
 
 /// Extends what was `selected` at `time` in [0, 1] among the Gaussians `within` to all times: adds those invisible at
@@ -110,7 +110,7 @@ fn join(
 
 /// Returns the Gaussians `alone` and the `count` nearest ones of each, visible or not, ascending.
 fn with_nearest(at: &HostGaussians, alone: &[u32], count: usize) -> Result<Vec<u32>, PointsError> {
-    let grid = Grid::adaptive(&at.means)?;
+    let grid = NeighbourGrid::adaptive(&at.means)?;
     let nearest = |&i: &u32| grid.nearest(point(&at.means, i as usize), count, None);
     let mut out: Vec<u32> =
         alone.par_iter().flat_map_iter(nearest).map(|(i, _)| i).chain(alone.par_iter().copied()).collect();
@@ -133,7 +133,7 @@ fn joining(
     }
     let radii = largest_scales(&at.log_scales)?;
     let means: Vec<f32> = there.iter().flat_map(|&i| point(&at.means, i as usize)).collect();
-    let grid = Grid::adaptive(&means)?;
+    let grid = NeighbourGrid::adaptive(&means)?;
     let vote = |&i: &u32| {
         let mut sums: Option<[f32; 2]> = None;
         for (n, square) in grid.nearest(point(&at.means, i as usize), config.voters, None) {

@@ -9,7 +9,7 @@
 //! in their sizes: beside shells of many thousand Gaussians there may be cores of a few hundred. Small pieces of a
 //! material are judged with its large ones, as they are mostly their fragments: see the results of 2026-11-28.
 
-use super::pieces::{Touch, pieces};
+use super::pieces::{TouchRule, pieces};
 use crate::config::types::SegmentConfig;
 use crate::model::HostGaussians;
 use crate::points::PointsError;
@@ -40,7 +40,7 @@ pub(super) fn large(
     material: u32,
     config: &SegmentConfig,
 ) -> Result<Option<Large>, PointsError> {
-    let (touch, config) = (Touch::seen(&config.pieces), &config.layers);
+    let (touch, config) = (TouchRule::seen(&config.pieces), &config.layers);
     let rows: Vec<usize> = (0..shown.len()).filter(|&n| labels[n] == material).collect();
     let found = pieces(at, &rows.iter().map(|&n| shown[n]).collect::<Vec<u32>>(), touch)?;
     let sizes = found.counts.into_iter().map(f64::from);
@@ -54,21 +54,21 @@ pub(super) fn large(
 }
 
 /// A sample of M Gaussians.
-pub(super) struct Sample {
+pub(super) struct GaussianSample {
     /// Its Gaussians.
     pub at: HostGaussians,
     /// The row of each among all.
     pub rows: Vec<usize>,
 }
 
-impl Sample {
+impl GaussianSample {
     /// Takes about one in `thinning` of the Gaussians `shown` (`[M]`, indices into `at`), from another start for
     /// each `number` of `samples`. From a thinning of `samples` on, no two share a Gaussian; the closer it is to 2, the
     /// more they share.
     ///
     /// # Panics
     /// If an index is not below N.
-    pub fn of(at: &HostGaussians, shown: &[u32], thinning: f64, (number, samples): (usize, usize)) -> Self {
+    pub fn take(at: &HostGaussians, shown: &[u32], thinning: f64, (number, samples): (usize, usize)) -> Self {
         let first = thinning * number as f64 / samples as f64;
         let rows: Vec<usize> = (0..shown.len())
             .map(|k| (first + k as f64 * thinning) as usize)
@@ -113,7 +113,8 @@ mod tests {
     #[test]
     fn samples_share_no_gaussian_if_there_are_enough_and_are_enlarged() {
         let (at, shown, _) = row(6500);
-        let samples: Vec<Sample> = (0..5).map(|number| Sample::of(&at, &shown, 5.0, (number, 5))).collect();
+        let samples: Vec<GaussianSample> =
+            (0..5).map(|number| GaussianSample::take(&at, &shown, 5.0, (number, 5))).collect();
         let mut rows: Vec<usize> = samples.iter().flat_map(|s| s.rows.iter().copied()).collect();
         rows.sort_unstable();
         assert_eq!(rows, (0..=6500).collect::<Vec<_>>());

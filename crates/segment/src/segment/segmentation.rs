@@ -16,7 +16,7 @@ use std::path::PathBuf;
 /// How a segment came to be.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
-pub enum Origin {
+pub enum SegmentOrigin {
     /// A cluster of view-independent colours.
     Coarse,
     /// A cluster of affinity features.
@@ -48,7 +48,7 @@ pub struct Segment {
     /// Time at which it was found, in [0, 1].
     pub time: f64,
     /// How it was found.
-    pub origin: Origin,
+    pub origin: SegmentOrigin,
     /// Indices of its Gaussians, ascending.
     #[serde(skip)]
     pub members: Vec<u32>,
@@ -218,11 +218,11 @@ impl Segmentation {
         let (mut below, mut made) = (Vec::new(), Vec::new());
         for segment in &self.segments {
             let Some(parent) = &segment.parent else { continue };
-            if *parent == *whole && matches!(segment.origin, Origin::Fine { .. }) {
+            if *parent == *whole && matches!(segment.origin, SegmentOrigin::Fine { .. }) {
                 below.push(&segment.name);
             } else if below.contains(&parent) {
                 below.push(&segment.name);
-                if matches!(segment.origin, Origin::Pick { .. } | Origin::Group) {
+                if matches!(segment.origin, SegmentOrigin::Pick { .. } | SegmentOrigin::Group) {
                     made.push(segment);
                 }
             }
@@ -233,7 +233,7 @@ impl Segmentation {
     /// Removes the parts of an earlier split of `whole` and everything below them. What was picked in `whole` itself
     /// stays.
     pub fn remove_parts(&mut self, whole: &str) {
-        self.remove(|s| s.parent.as_deref() == Some(whole) && matches!(s.origin, Origin::Fine { .. }));
+        self.remove(|s| s.parent.as_deref() == Some(whole) && matches!(s.origin, SegmentOrigin::Fine { .. }));
     }
 
     /// Returns the first of `NAME.1`, `NAME.2`, ... from `NAME.from` on that no segment has and that is not `used`

@@ -27,11 +27,11 @@ pub(super) fn join(
     config: &SegmentConfig,
 ) -> Result<(), PointsError> {
     let touched: Vec<u32> = (0..labels.len()).into_par_iter().map(|n| touched(contacts, opacity, labels, n)).collect();
-    let regions = Regions::of(contacts, opacity, labels, &touched, config)?;
+    let regions = ContactRegions::of(contacts, opacity, labels, &touched, config)?;
     let config = &config.layers;
     let mut of_material: BTreeMap<u32, f64> = BTreeMap::new();
     labels.iter().zip(opacity).for_each(|(&label, o)| *of_material.entry(label).or_default() += o);
-    let is_layer = |region: &Region| {
+    let is_layer = |region: &ContactRegion| {
         let whole = of_material[&region.material];
         let largest = if region.bend() < config.bend { config.large_unbent } else { config.large };
         let sized = region.weight >= config.small * whole && region.weight <= largest * whole;
@@ -54,7 +54,7 @@ fn touched(contacts: &Contacts, opacity: &[f64], labels: &[u32], n: usize) -> u3
         return 0;
     }
     let mut sums: BTreeMap<u32, f64> = BTreeMap::new();
-    for &other in contacts.of(n).iter().filter(|&&k| labels[k] > 0 && labels[k] != labels[n]) {
+    for &other in contacts.touching(n).iter().filter(|&&k| labels[k] > 0 && labels[k] != labels[n]) {
         *sums.entry(labels[other]).or_default() += opacity[other];
     }
     sums.into_iter().reduce(|best, next| if next.1 > best.1 { next } else { best }).map_or(0, |(material, _)| material)
@@ -62,7 +62,7 @@ fn touched(contacts: &Contacts, opacity: &[f64], labels: &[u32], n: usize) -> u3
 
 /// A connected region of one material in contact with one other.
 #[derive(Default)]
-struct Region {
+struct ContactRegion {
     material: u32,
     /// The material that it is in contact with.
     touches: u32,
@@ -77,7 +77,7 @@ struct Region {
     facing: Option<usize>,
 }
 
-impl Region {
+impl ContactRegion {
     /// Returns the share of the neighbours that is not in the region.
     fn edge(&self) -> f64 {
         let [inside, outside] = self.neighbours;
@@ -92,8 +92,8 @@ impl Region {
     }
 }
 
-struct Regions {
-    all: Vec<Region>,
+struct ContactRegions {
+    all: Vec<ContactRegion>,
     /// `[M]`: the region of each Gaussian.
     labels: Vec<Option<usize>>,
     /// `[M]`: whether most of a Gaussian's neighbours of its material, by opacity, are not in its region: haze beside a
@@ -101,7 +101,7 @@ struct Regions {
     at_edge: Vec<bool>,
 }
 
-impl Regions {
+impl ContactRegions {
     /// `touched` `[M]` holds the material that each Gaussian is in contact with, 0 for none.
     fn of(
         contacts: &Contacts,
@@ -123,7 +123,7 @@ impl Regions {
             let region = *numbers.entry(sets.find(*n as u32)).or_insert(out.all.len());
             if region == out.all.len() {
                 let (material, touches) = (labels[*n], touched[*n]);
-                out.all.push(Region { material, touches, ..Region::default() });
+                out.all.push(ContactRegion { material, touches, ..ContactRegion::default() });
             }
             let mut around = [0.0; 2];
             near.iter().for_each(|&k| around[usize::from(!same(*n, k))] += opacity[k]);
@@ -133,7 +133,7 @@ impl Regions {
                 if count > 0 { sum / f64::from(count) - contacts.all.position(*n) } else { DVec3::ZERO }
             };
             let step = towards(&mut near.iter().copied().filter(|&k| same(*n, k)));
-            let touched = towards(&mut contacts.of(*n).iter().copied().filter(|&k| labels[k] == touched[*n]));
+            let touched = towards(&mut contacts.touching(*n).iter().copied().filter(|&k| labels[k] == touched[*n]));
             out.at_edge[*n] = around[1] > around[0];
             out.labels[*n] = Some(region);
             let region = &mut out.all[region];
@@ -151,9 +151,9 @@ impl Regions {
         let mut met: BTreeMap<(usize, usize), f64> = BTreeMap::new();
         for (n, own) in self.labels.iter().enumerate() {
             let Some(own) = *own else { continue };
-            let Region { material, touches, .. } = self.all[own];
+            let ContactRegion { material, touches, .. } = self.all[own];
             let faces = |f: &usize| (self.all[*f].material, self.all[*f].touches) == (touches, material);
-            for &k in contacts.of(n) {
+            for &k in contacts.touching(n) {
                 if let Some(facing) = self.labels[k].filter(faces) {
                     *met.entry((own, facing)).or_default() += opacity[k];
                 }
@@ -180,7 +180,7 @@ fn beside(
     let mut out: Vec<(usize, Vec<usize>)> = Vec::new();
     for material in 1..=labels.iter().copied().max().unwrap_or(0) {
         let rows: Vec<usize> = (0..labels.len()).filter(|&n| labels[n] == material).collect();
-        let alone = contacts.all.of(&rows)?;
+        let alone = contacts.all.subset(&rows)?;
         let near = |(row, &n): (usize, &usize)| (n, alone.within(row, count, reach).map(|k| rows[k]).collect());
         let edge: Vec<(usize, &usize)> = rows.iter().enumerate().filter(|(_, n)| touched[**n] > 0).collect();
         out.par_extend(edge.into_par_iter().map(near));
@@ -262,7 +262,7 @@ mod tests {
         let config = SegmentConfig::default();
         let contacts = Contacts::among(at, &all, &config.contacts).unwrap();
         let touched: Vec<u32> = (0..at.len()).map(|n| touched(&contacts, &opacity, labels, n)).collect();
-        let found = Regions::of(&contacts, &opacity, labels, &touched, &config).unwrap().all;
+        let found = ContactRegions::of(&contacts, &opacity, labels, &touched, &config).unwrap().all;
         let limits = &config.layers;
         let [around, surface] = [1, 2].map(|m| found.iter().find(|r| r.material == m).unwrap());
         // by its edge and size alone it would be one

@@ -8,7 +8,7 @@ use crate::device::DeviceName;
 use crate::model::{HostGaussians, Rendering, ToKernel};
 use crate::rng::{Purpose, Rng};
 use crate::segment::colour::fibonacci_sphere;
-use crate::segment::fine::network::Frame;
+use crate::segment::fine::network::PositionBox;
 use crate::segment::fine::views::{FineView, MaskedView, rank_scales};
 use crate::segment::masks::Mask;
 use glam::DVec3;
@@ -53,13 +53,13 @@ impl Balls {
 
     /// Views from all around in which neither ball hides the other, each with the masks of the first ball, of the
     /// second, and of both.
-    pub fn views(self) -> Vec<(volseggs_kernels::Camera, Vec<Mask>)> {
+    pub fn views(self) -> Vec<(volseggs_kernels::PinholeCamera, Vec<Mask>)> {
         let eyes =
             [[0.0, -4.0, 0.5], [1.0, -3.8, 1.5], [0.5, 3.9, -0.5], [-1.0, 3.5, 1.5], [0.3, 0.5, 4.0], [0.0, 0.8, -4.0]];
         eyes.into_iter().map(|eye| self.view(DVec3::from_array(eye))).collect()
     }
 
-    fn view(self, eye: DVec3) -> (volseggs_kernels::Camera, Vec<Mask>) {
+    fn view(self, eye: DVec3) -> (volseggs_kernels::PinholeCamera, Vec<Mask>) {
         let camera = Camera::look_at(eye, DVec3::ZERO, DVec3::Z, 0.6, SIZE, SIZE);
         let (rotation, _) = camera.world_to_camera_opencv();
         let mut sets = vec![vec![false; (SIZE * SIZE) as usize]; 3];
@@ -82,7 +82,7 @@ impl Balls {
     pub fn prepared(self, at: &HostGaussians) -> Vec<FineView> {
         let device = DeviceName::all()[0].open().unwrap();
         let members: Vec<u32> = (0..at.len() as u32).collect();
-        let frame = Frame::around(&at.means);
+        let frame = PositionBox::around(&at.means);
         let mut out: Vec<FineView> = (0..)
             .zip(self.views())
             .filter_map(|(number, (camera, masks))| {

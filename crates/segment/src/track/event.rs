@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// The Gaussians of one segment at one time; every frame lists the same Gaussians in the same order.
 #[derive(Debug, Clone, Copy)]
-pub struct Frame<'a> {
+pub struct SegmentAtTime<'a> {
     /// Time; frames are in order, forward or backward.
     pub time: f64,
     /// `[S]`: component of each Gaussian, 0 for none (transparent, outlier); at most `S`.
@@ -54,7 +54,7 @@ pub enum EventKind {
 
 /// One event between two times.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Event {
+pub struct SegmentEvent {
     /// Last time of the state before.
     pub time_from: f64,
     /// First time of the state after.
@@ -95,7 +95,7 @@ pub struct TrackPoint {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Tracking {
     /// Events in order of time.
-    pub events: Vec<Event>,
+    pub events: Vec<SegmentEvent>,
     /// Tracks of all visible components, by time and label.
     pub points: Vec<TrackPoint>,
 }

@@ -1,8 +1,8 @@
 //! When the components of a segment appear, vanish, split and merge. The overlap of components is measured in
 //! `overlap`; the components of one time are found by `points::components`.
 
-pub use super::event::{Event, EventConfig, EventKind, Frame, TrackPoint, Tracking};
-use super::overlap::{Graph, LabelSum, Nodes, Shared, label_sums, usable};
+pub use super::event::{EventConfig, EventKind, SegmentAtTime, SegmentEvent, TrackPoint, Tracking};
+use super::overlap::{Graph, LabelSum, OverlapNodes, SharedOpacity, label_sums, usable};
 use crate::points::PointsError;
 use crate::points::chunks::map_chunks;
 use crate::points::error::check_len;
@@ -22,7 +22,7 @@ use std::collections::BTreeMap;
 /// # Errors
 /// If frames have different numbers of Gaussians, a label is above that number, a share is outside 0..=1, or the
 /// persistence is 0.
-pub fn find_events(frames: &[Frame<'_>], config: &EventConfig) -> Result<Tracking, PointsError> {
+pub fn find_events(frames: &[SegmentAtTime<'_>], config: &EventConfig) -> Result<Tracking, PointsError> {
     check(frames, config)?;
     if frames.is_empty() {
         return Ok(Tracking::default());
@@ -32,7 +32,7 @@ pub fn find_events(frames: &[Frame<'_>], config: &EventConfig) -> Result<Trackin
     let most = totals.iter().copied().fold(0.0, f64::max);
     let present: Vec<bool> = totals.iter().map(|&t| t > 0.0 && t >= config.presence_share * most).collect();
     let sums: Vec<Vec<LabelSum>> = frames.par_iter().map(label_sums).collect();
-    let mut nodes = Nodes::new(&sums, &present, config.min_share);
+    let mut nodes = OverlapNodes::new(&sums, &present, config.min_share);
 
     let graph = nodes.links(frames, persistence, config.min_share);
     let lives = nodes.chain_lengths(&nodes.strongest(&graph));
@@ -51,7 +51,7 @@ pub fn find_events(frames: &[Frame<'_>], config: &EventConfig) -> Result<Trackin
         tracks[node] = if heads[node] == node { next } else { tracks[heads[node]] };
     }
     let lasting = nodes.chain_lengths(&nodes.only(&graph));
-    let history = History { frames, nodes: &nodes, graph: &graph, tracks: &tracks, lasting, persistence };
+    let history = TrackHistory { frames, nodes: &nodes, graph: &graph, tracks: &tracks, lasting, persistence };
     let mut events = history.component_events();
     events.extend(history.segment_events(&present));
     events.extend(history.continuations());
@@ -61,7 +61,7 @@ pub fn find_events(frames: &[Frame<'_>], config: &EventConfig) -> Result<Trackin
     Ok(Tracking { events, points: history.points(&sums) })
 }
 
-fn check(frames: &[Frame<'_>], config: &EventConfig) -> Result<(), PointsError> {
+fn check(frames: &[SegmentAtTime<'_>], config: &EventConfig) -> Result<(), PointsError> {
     for (field, share) in [("min_share", config.min_share), ("presence_share", config.presence_share)] {
         if !(0.0..=1.0).contains(&share) {
             return Err(PointsError::Setting { field, value: share.to_string(), want: "a fraction from 0 to 1" });
@@ -85,10 +85,10 @@ fn check(frames: &[Frame<'_>], config: &EventConfig) -> Result<(), PointsError> 
 /// Drops runs shorter than `persistence` into which several steady components merge (or with which the series starts)
 /// and from which several steady ones emerge (or with which it ends), so that each of those is linked to its own
 /// continuation.
-fn drop_brief_mergers(nodes: &mut Nodes, graph: &Graph, persistence: usize, times: usize) {
+fn drop_brief_mergers(nodes: &mut OverlapNodes, graph: &Graph, persistence: usize, times: usize) {
     let only = nodes.only(graph);
     let (heads, lengths) = (nodes.chains(&only), nodes.chain_lengths(&only));
-    let steady = |list: &[super::overlap::Shared]| list.iter().all(|s| lengths[s.other] >= persistence);
+    let steady = |list: &[super::overlap::SharedOpacity]| list.iter().all(|s| lengths[s.other] >= persistence);
     let mut dropped = Vec::new();
     for tail in (0..only.len()).filter(|&n| nodes.kept[n] && only[n].is_none() && lengths[n] < persistence) {
         let head = heads[tail];
@@ -105,9 +105,9 @@ fn drop_brief_mergers(nodes: &mut Nodes, graph: &Graph, persistence: usize, time
 }
 
 /// Everything known once the links are final.
-struct History<'a> {
-    frames: &'a [Frame<'a>],
-    nodes: &'a Nodes,
+struct TrackHistory<'a> {
+    frames: &'a [SegmentAtTime<'a>],
+    nodes: &'a OverlapNodes,
     graph: &'a Graph,
     tracks: &'a [u32],
     /// Number of times that the track of each node lasts.
@@ -115,11 +115,11 @@ struct History<'a> {
     persistence: usize,
 }
 
-impl History<'_> {
-    fn event(&self, kind: EventKind, from: usize, to: usize, parents: &[usize], children: &[usize]) -> Event {
+impl TrackHistory<'_> {
+    fn event(&self, kind: EventKind, from: usize, to: usize, parents: &[usize], children: &[usize]) -> SegmentEvent {
         let tracks = |list: &[usize]| list.iter().map(|&n| self.tracks[n]).collect();
         let weights = |list: &[usize]| list.iter().map(|&n| self.nodes.list[n].weight).collect();
-        Event {
+        SegmentEvent {
             time_from: self.frames[from].time,
             time_to: self.frames[to].time,
             kind,
@@ -133,21 +133,27 @@ impl History<'_> {
 
     /// Enters the confidence of an event that accounts for the share `shared` of its parts' weight; `more` are the
     /// numbers of times that states last which are no track, such as an absence.
-    fn sure(&self, event: Event, nodes: &[usize], more: Option<usize>, shared: f64) -> Event {
+    fn sure(&self, event: SegmentEvent, nodes: &[usize], more: Option<usize>, shared: f64) -> SegmentEvent {
         let lasting = nodes.iter().map(|&n| self.lasting[n]).chain(more).min().unwrap_or(0);
         let confidence = shared.clamp(0.0, 1.0) * lasting as f64 / (lasting + self.persistence) as f64;
-        Event { confidence, ..event }
+        SegmentEvent { confidence, ..event }
     }
 
     /// The least share of weight, of `node` and of each of the parts that it is linked to, that the links carry; `own`
     /// and `other` are their ends.
-    fn carried(&self, node: usize, links: &[Shared], own: fn(&Shared) -> f64, other: fn(&Shared) -> f64) -> f64 {
+    fn carried(
+        &self,
+        node: usize,
+        links: &[SharedOpacity],
+        own: fn(&SharedOpacity) -> f64,
+        other: fn(&SharedOpacity) -> f64,
+    ) -> f64 {
         let weight = |n: usize| self.nodes.list[n].weight;
         let of_node = links.iter().map(own).sum::<f64>() / weight(node);
         links.iter().map(|s| other(s) / weight(s.other)).fold(of_node, f64::min)
     }
 
-    fn component_events(&self) -> Vec<Event> {
+    fn component_events(&self) -> Vec<SegmentEvent> {
         let mut events = Vec::new();
         let time = |n: usize| self.nodes.list[n].time;
         for node in (0..self.nodes.list.len()).filter(|&n| self.nodes.kept[n]) {
@@ -205,7 +211,7 @@ impl History<'_> {
         (count >= self.persistence).then_some((first, count))
     }
 
-    fn segment_events(&self, present: &[bool]) -> Vec<Event> {
+    fn segment_events(&self, present: &[bool]) -> Vec<SegmentEvent> {
         let mut events = Vec::new();
         // whether it was present, until when, and for how many times
         let mut before: Option<(bool, usize, usize)> = None;
@@ -233,7 +239,7 @@ impl History<'_> {
         events
     }
 
-    fn continuations(&self) -> Vec<Event> {
+    fn continuations(&self) -> Vec<SegmentEvent> {
         let mut ends: BTreeMap<u32, (usize, usize)> = BTreeMap::new();
         for node in (0..self.nodes.list.len()).filter(|&n| self.nodes.kept[n]) {
             ends.entry(self.tracks[node]).or_insert((node, node)).1 = node;

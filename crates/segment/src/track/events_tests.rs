@@ -19,11 +19,11 @@ fn rows(history: &[&[(u32, usize)]]) -> Vec<Vec<u32>> {
 }
 
 fn run(rows: &[Vec<u32>], opacity: &[Vec<f32>], config: &EventConfig, backward: bool) -> Tracking {
-    let mut frames: Vec<Frame<'_>> = rows
+    let mut frames: Vec<SegmentAtTime<'_>> = rows
         .iter()
         .zip(opacity)
         .enumerate()
-        .map(|(t, (labels, opacity))| Frame { time: t as f64, labels, opacity })
+        .map(|(t, (labels, opacity))| SegmentAtTime { time: t as f64, labels, opacity })
         .collect();
     if backward {
         frames.reverse();
@@ -196,7 +196,7 @@ fn random_histories_hold_events_of_every_kind() {
 fn empty_non_finite_and_invalid_inputs() {
     let config = EventConfig::default();
     assert_eq!(find_events(&[], &config).unwrap(), Tracking::default());
-    let frame = |labels: &'static [u32], opacity: &'static [f32]| Frame { time: 0.0, labels, opacity };
+    let frame = |labels: &'static [u32], opacity: &'static [f32]| SegmentAtTime { time: 0.0, labels, opacity };
     assert!(find_events(&[frame(&[], &[]), frame(&[], &[])], &config).unwrap().events.is_empty());
     assert!(brief(&find_events(&[frame(&[1], &[1.0]); 3], &config).unwrap()).is_empty());
     assert!(find_events(&[frame(&[1, 1], &[f32::NAN, -1.0]); 3], &config).unwrap().points.is_empty());

@@ -1,14 +1,14 @@
 //! Segments through time: at each time, the scene is deformed once, and each segment is found, measured and joined into
 //! components.
 
-use super::events::{EventConfig, Frame, Tracking, find_events};
+use super::events::{EventConfig, SegmentAtTime, Tracking, find_events};
 use super::motion::{fill_velocities, window};
-use super::statistics::{SegmentStatistics, Status, segment_statistics};
+use super::statistics::{RowStatus, SegmentStatistics, segment_statistics};
 use crate::model::HostGaussians;
 use crate::points::PointsError;
 use crate::points::components::{ComponentFilter, components_touching, largest_scales};
 use crate::segment::colour::constant_colour;
-use crate::segment::place::{Cloud, PlaceError, Places, SHARE, scene_grid};
+use crate::segment::place::{Cloud, PlaceError, SHARE, SegmentPlaces, scene_grid};
 use crate::volume::grid::Grid;
 
 /// Reach of Gaussians that touch, by default: the smallest that keeps a body whole. At 1 bodies break into pieces, which
@@ -22,7 +22,7 @@ const WEAK: f64 = 0.5;
 
 /// A segment to track.
 #[derive(Clone, Copy, Debug)]
-pub struct Followed<'a> {
+pub struct SegmentToTrack<'a> {
     /// Its name.
     pub name: &'a str,
     /// Indices of its Gaussians.
@@ -68,7 +68,7 @@ pub enum FollowError {
 
 /// A segment tracked through time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Followup {
+pub struct TrackedSegment {
     /// Its name.
     pub name: String,
     /// Its statistics at each time.
@@ -85,12 +85,12 @@ pub struct Followup {
 /// If a member is not a Gaussian of the scene, or an option is out of range.
 pub fn follow(
     mut scene: impl FnMut(f64) -> Option<HostGaussians>,
-    segments: &[Followed<'_>],
+    segments: &[SegmentToTrack<'_>],
     others: &[&[u32]],
     times: &[f64],
     options: &FollowOptions,
-) -> Result<Option<Vec<Followup>>, FollowError> {
-    let mut series: Vec<Series> = segments.iter().map(|segment| Series::new(segment, times)).collect();
+) -> Result<Option<Vec<TrackedSegment>>, FollowError> {
+    let mut series: Vec<SegmentSeries> = segments.iter().map(|segment| SegmentSeries::new(segment, times)).collect();
     let mut parties: Option<Vec<Party>> = None;
     for (t, &time) in times.iter().enumerate() {
         let Some(at) = scene(time) else { return Ok(None) };
@@ -102,7 +102,7 @@ pub fn follow(
         let cell = options.grid.spacing[0];
         for party in parties.iter().flatten() {
             let cloud = Cloud::new(&at, &opacity, &party.labels);
-            let places = Places::new(cloud, &options.grid, SHARE)?;
+            let places = SegmentPlaces::new(cloud, &options.grid, SHARE)?;
             let labels: Vec<u32> = (1..=party.segments.len() as u32).collect();
             let (found, shares) = (places.measure(&labels), places.shares());
             for ((&k, &label), found) in party.segments.iter().zip(&labels).zip(&found) {
@@ -133,7 +133,7 @@ struct Party {
 }
 
 /// Returns the segments in as few parties as possible, each with the labels of all Gaussians of the scene.
-fn parties_of(count: usize, segments: &[Followed<'_>], others: &[&[u32]]) -> Result<Vec<Party>, PointsError> {
+fn parties_of(count: usize, segments: &[SegmentToTrack<'_>], others: &[&[u32]]) -> Result<Vec<Party>, PointsError> {
     let mut parties: Vec<Party> = Vec::new();
     for (k, segment) in segments.iter().enumerate() {
         if let Some(&index) = segment.members.iter().find(|&&i| i as usize >= count) {
@@ -179,7 +179,7 @@ fn components(
 }
 
 /// What is known of one segment so far.
-struct Series {
+struct SegmentSeries {
     rows: Vec<SegmentStatistics>,
     frames: Vec<(Vec<u32>, Vec<f32>)>,
     /// The Gaussians in its place at each time.
@@ -190,8 +190,8 @@ struct Series {
     contents: Vec<f32>,
 }
 
-impl Series {
-    fn new(segment: &Followed<'_>, times: &[f64]) -> Self {
+impl SegmentSeries {
+    fn new(segment: &SegmentToTrack<'_>, times: &[f64]) -> Self {
         let away = |i: &usize| (times[*i] - segment.time).abs();
         let origin = (0..times.len()).min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(0);
         let (rows, within) = (Vec::with_capacity(times.len()), Vec::with_capacity(times.len()));
@@ -200,10 +200,10 @@ impl Series {
 
     fn finish(
         mut self,
-        segment: &Followed<'_>,
+        segment: &SegmentToTrack<'_>,
         times: &[f64],
         options: &FollowOptions,
-    ) -> Result<Followup, PointsError> {
+    ) -> Result<TrackedSegment, PointsError> {
         let mut own = vec![false; self.contents.len()];
         segment.members.iter().for_each(|&i| own[i as usize] = true);
         let sum = |of: &mut dyn Iterator<Item = u32>| of.map(|i| f64::from(self.contents[i as usize])).sum::<f64>();
@@ -218,16 +218,19 @@ impl Series {
             let gone = row.centroid.is_none() || row.extinction < options.events.presence_share * most;
             let support = row.counted_share.unwrap_or(0.0).min(row.consistency.unwrap_or(0.0));
             row.status = match support {
-                _ if gone || support < options.events.min_share => Status::Lost,
-                s if s < WEAK => Status::Weak,
-                _ => Status::Tracked,
+                _ if gone || support < options.events.min_share => RowStatus::Lost,
+                s if s < WEAK => RowStatus::Weak,
+                _ => RowStatus::Tracked,
             };
         }
         fill_velocities(&mut self.rows, window(&options.trained));
-        let frames: Vec<Frame<'_>> =
-            times.iter().zip(&self.frames).map(|(&time, (labels, opacity))| Frame { time, labels, opacity }).collect();
+        let frames: Vec<SegmentAtTime<'_>> = times
+            .iter()
+            .zip(&self.frames)
+            .map(|(&time, (labels, opacity))| SegmentAtTime { time, labels, opacity })
+            .collect();
         let tracking = find_events(&frames, &options.events)?;
-        Ok(Followup { name: segment.name.into(), statistics: self.rows, tracking })
+        Ok(TrackedSegment { name: segment.name.into(), statistics: self.rows, tracking })
     }
 }
 
@@ -252,14 +255,14 @@ mod tests {
         })
     }
 
-    fn rods_followed(members: &[u32]) -> Followed<'_> {
-        Followed { name: "rods", members, time: 0.0 }
+    fn rods_followed(members: &[u32]) -> SegmentToTrack<'_> {
+        SegmentToTrack { name: "rods", members, time: 0.0 }
     }
 
     #[test]
     fn a_split_is_found_forward_and_a_merger_backward() {
         let members: Vec<u32> = (0..40).collect();
-        let segments = [rods_followed(&members), Followed { name: "left", members: &members[..20], time: 0.0 }];
+        let segments = [rods_followed(&members), SegmentToTrack { name: "left", members: &members[..20], time: 0.0 }];
         let forward: Vec<f64> = (0..21).map(|i| i as f64 / 20.0).collect();
         let backward: Vec<f64> = forward.iter().rev().copied().collect();
         let kinds = |times: &[f64]| {
@@ -327,7 +330,7 @@ mod tests {
     #[test]
     fn measures_at_a_time_depend_on_no_other_time() {
         let members: Vec<u32> = (0..64).collect();
-        let segments = [Followed { name: "growing", members: &members, time: 1.0 }];
+        let segments = [SegmentToTrack { name: "growing", members: &members, time: 1.0 }];
         let last = |times: &[f64]| {
             let found =
                 follow(growing, &segments, &[], times, &FollowOptions::within([0.45; 3], [0.6; 3])).unwrap().unwrap();

@@ -5,7 +5,7 @@
 //! slope of a parabola that is fitted by least squares to the centroids of all times within a window around its time.
 //! It is exact for constant acceleration.
 
-use super::statistics::{SegmentStatistics, Status};
+use super::statistics::{RowStatus, SegmentStatistics};
 
 /// Half width of the window in distances between times with training views: two before and two after.
 const REACH: f64 = 2.0;
@@ -25,7 +25,7 @@ pub fn window(trained: &[f64]) -> f64 {
 /// not count, and have no velocity; nor has a time without any other.
 pub fn fill_velocities(series: &mut [SegmentStatistics], window: f64) {
     let knots: Vec<Option<(f64, [f64; 3])>> =
-        series.iter().map(|s| Some((s.time, s.centroid.filter(|_| s.status != Status::Lost)?))).collect();
+        series.iter().map(|s| Some((s.time, s.centroid.filter(|_| s.status != RowStatus::Lost)?))).collect();
     for (i, entry) in series.iter_mut().enumerate() {
         entry.velocity = knots[i].and_then(|(time, _)| {
             let near = |step: f64| step.abs() <= window * (1.0 + 1e-9);
@@ -140,7 +140,7 @@ mod tests {
         assert!((found[1].unwrap() - 10.0).abs() < 1e-9 && (found[3].unwrap() - 10.0).abs() < 1e-9, "{found:?}");
         assert_eq!(found[2], None);
         let mut rows = series(&[(0.0, Some(0.0)), (0.5, Some(1.0)), (1.0, Some(2.0))]);
-        rows[1].status = Status::Lost;
+        rows[1].status = RowStatus::Lost;
         fill_velocities(&mut rows, 1.0);
         assert!(rows.iter().all(|r| r.velocity.is_none()), "each of the others is alone");
         assert_eq!(velocities(&[(0.3, Some(1.0))], 1.0), [None]);

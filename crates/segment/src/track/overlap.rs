@@ -1,12 +1,12 @@
 //! How many of one component's Gaussians another component contains at a later time, and the links that this makes.
 //! Which links are events is decided in `events`.
 
-use super::event::Frame;
+use super::event::SegmentAtTime;
 use crate::points::chunks::map_chunks;
 
 /// One component at one time that is large enough to matter.
 #[derive(Debug, Clone)]
-pub(crate) struct Node {
+pub(crate) struct OverlapNode {
     pub(crate) time: usize,
     pub(crate) label: u32,
     /// Sum of the opacities of its Gaussians.
@@ -16,8 +16,8 @@ pub(crate) struct Node {
 }
 
 /// All nodes, ordered by time and label, and which of them are kept.
-pub(crate) struct Nodes {
-    pub(crate) list: Vec<Node>,
+pub(crate) struct OverlapNodes {
+    pub(crate) list: Vec<OverlapNode>,
     pub(crate) kept: Vec<bool>,
     /// Node number + 1 by time and label; 0 for labels that are not a node.
     by_label: Vec<Vec<u32>>,
@@ -25,7 +25,7 @@ pub(crate) struct Nodes {
 
 /// Gaussians shared by a node and a later one: their opacity at the earlier and at the later time.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Shared {
+pub(crate) struct SharedOpacity {
     pub(crate) other: usize,
     pub(crate) before: f64,
     pub(crate) after: f64,
@@ -33,8 +33,8 @@ pub(crate) struct Shared {
 
 /// Accepted links, by node.
 pub(crate) struct Graph {
-    pub(crate) children: Vec<Vec<Shared>>,
-    pub(crate) parents: Vec<Vec<Shared>>,
+    pub(crate) children: Vec<Vec<SharedOpacity>>,
+    pub(crate) parents: Vec<Vec<SharedOpacity>>,
 }
 
 /// Opacities are rounded up to multiples of one part in this many. Sums of up to 2^23 opacities are then exact, so they do
@@ -55,7 +55,7 @@ pub(crate) struct LabelSum {
 
 /// Returns the weight and lowest member of each label of a frame; index 0 stays empty. Labels without visible members
 /// weigh 0.
-pub(crate) fn label_sums(frame: &Frame<'_>) -> Vec<LabelSum> {
+pub(crate) fn label_sums(frame: &SegmentAtTime<'_>) -> Vec<LabelSum> {
     let most = frame.labels.iter().copied().max().unwrap_or(0) as usize;
     let mut sums = vec![LabelSum { weight: 0.0, first: u32::MAX }; most + 1];
     for (i, (&label, &opacity)) in frame.labels.iter().zip(frame.opacity).enumerate() {
@@ -69,7 +69,7 @@ pub(crate) fn label_sums(frame: &Frame<'_>) -> Vec<LabelSum> {
     sums
 }
 
-impl Nodes {
+impl OverlapNodes {
     /// Creates nodes for the labels that hold at least `min_share` of their time's weight, at the times `present`.
     pub(crate) fn new(sums: &[Vec<LabelSum>], present: &[bool], min_share: f64) -> Self {
         let mut list = Vec::new();
@@ -79,7 +79,7 @@ impl Nodes {
             let mut numbers = vec![0u32; labels.len()];
             for (label, sum) in labels.iter().enumerate().filter(|(_, s)| present[time] && s.weight > 0.0) {
                 if sum.weight >= min_share * total {
-                    list.push(Node { time, label: label as u32, weight: sum.weight, first: sum.first });
+                    list.push(OverlapNode { time, label: label as u32, weight: sum.weight, first: sum.first });
                     numbers[label] = list.len() as u32;
                 }
             }
@@ -101,7 +101,7 @@ impl Nodes {
     /// breaks nothing. A pair is linked if its overlap is at least half of all that one side shares with others and at
     /// least `min_share` of all that the other side shares, and at least `min_share` of one side's whole weight. All of
     /// this is the same backward in time.
-    pub(crate) fn links(&self, frames: &[Frame<'_>], persistence: usize, min_share: f64) -> Graph {
+    pub(crate) fn links(&self, frames: &[SegmentAtTime<'_>], persistence: usize, min_share: f64) -> Graph {
         let shared = self.shared(frames, persistence);
         let out: Vec<f64> = shared.iter().map(|list| list.iter().map(|s| s.before).sum()).collect();
         let mut into = vec![0.0; self.list.len()];
@@ -115,17 +115,17 @@ impl Nodes {
                 let whole = (s.before / self.list[node].weight).max(s.after / self.list[s.other].weight);
                 if mutual && whole >= min_share {
                     graph.children[node].push(*s);
-                    graph.parents[s.other].push(Shared { other: node, ..*s });
+                    graph.parents[s.other].push(SharedOpacity { other: node, ..*s });
                 }
             }
         }
         graph
     }
 
-    fn shared(&self, frames: &[Frame<'_>], persistence: usize) -> Vec<Vec<Shared>> {
+    fn shared(&self, frames: &[SegmentAtTime<'_>], persistence: usize) -> Vec<Vec<SharedOpacity>> {
         let count = frames.first().map_or(0, |f| f.labels.len());
         let parts = map_chunks(count, |range| {
-            let mut shared: Vec<Vec<Shared>> = vec![Vec::new(); self.list.len()];
+            let mut shared: Vec<Vec<SharedOpacity>> = vec![Vec::new(); self.list.len()];
             for i in range {
                 let (mut last, mut gap) = (None, 0);
                 for (time, frame) in frames.iter().enumerate() {
@@ -134,7 +134,7 @@ impl Nodes {
                         Some(node) if self.kept[node] => {
                             let after = usable(opacity);
                             if let Some((from, before)) = last {
-                                add(&mut shared[from], Shared { other: node, before, after });
+                                add(&mut shared[from], SharedOpacity { other: node, before, after });
                             }
                             (last, gap) = (Some((node, after)), 0);
                         }
@@ -150,7 +150,7 @@ impl Nodes {
             }
             shared
         });
-        let mut total: Vec<Vec<Shared>> = vec![Vec::new(); self.list.len()];
+        let mut total: Vec<Vec<SharedOpacity>> = vec![Vec::new(); self.list.len()];
         for part in parts {
             for (list, more) in total.iter_mut().zip(part) {
                 more.into_iter().for_each(|s| add(list, s));
@@ -183,9 +183,9 @@ impl Nodes {
     /// Returns each node's successor along a link that is the strongest of both its ends. Of equally strong links, the one
     /// to the node with the lowest Gaussian counts, then the one to the nearest time.
     pub(crate) fn strongest(&self, graph: &Graph) -> Vec<Option<usize>> {
-        let best = |node: usize, list: &[Shared], size: fn(&Shared) -> f64| {
-            let first = |s: &Shared| self.list[s.other].first;
-            let distance = |s: &Shared| self.list[s.other].time.abs_diff(self.list[node].time);
+        let best = |node: usize, list: &[SharedOpacity], size: fn(&SharedOpacity) -> f64| {
+            let first = |s: &SharedOpacity| self.list[s.other].first;
+            let distance = |s: &SharedOpacity| self.list[s.other].time.abs_diff(self.list[node].time);
             list.iter()
                 .max_by(|a, b| {
                     let tie = || (first(b), distance(b)).cmp(&(first(a), distance(a)));
@@ -212,7 +212,7 @@ impl Nodes {
     }
 }
 
-fn add(list: &mut Vec<Shared>, more: Shared) {
+fn add(list: &mut Vec<SharedOpacity>, more: SharedOpacity) {
     match list.iter_mut().find(|s| s.other == more.other) {
         Some(s) => {
             s.before += more.before;

@@ -1,11 +1,11 @@
 //! The folder of a tracked segment: tables, plots, and pictures of it alone. Pictures are added one at a time, as the
 //! caller draws them, and written at once; nothing is there before [`ReportFolder::finish`].
 
-use super::follow::Followup;
-use super::statistics::{SegmentStatistics, Status};
+use super::follow::TrackedSegment;
+use super::statistics::{RowStatus, SegmentStatistics};
 use super::tables::{Unit, columns_csv, events_csv, statistics_csv, to_json, tracks_csv};
 use crate::data::Calibration;
-use crate::draw::plot::{Series, line_plot};
+use crate::draw::plot::{PlotSeries, line_plot};
 use crate::draw::views::view_sheet;
 use crate::export::images::{encode_gray_png, encode_png, to_rgb8};
 use crate::files::{AtomicDir, FolderKind, ReplaceError};
@@ -28,7 +28,7 @@ pub struct PictureOptions {
 
 /// Why a report cannot be written.
 #[derive(Debug, thiserror::Error)]
-pub enum ReportError {
+pub enum TrackReportError {
     /// Something else is where the folder should go.
     #[error(transparent)]
     Replace(#[from] ReplaceError),
@@ -81,10 +81,10 @@ impl ReportFolder {
     /// Creates the folder `name` in `parent`, which is created if missing.
     ///
     /// # Errors
-    /// [`ReportError::Io`]; [`ReportError::Replace`] if something else has that name.
-    pub fn create(parent: &Path, name: &Name, options: PictureOptions) -> Result<Self, ReportError> {
+    /// [`TrackReportError::Io`]; [`TrackReportError::Replace`] if something else has that name.
+    pub fn create(parent: &Path, name: &Name, options: PictureOptions) -> Result<Self, TrackReportError> {
         let path = parent.join(name);
-        let io = |source| ReportError::Io { path: path.clone(), source };
+        let io = |source| TrackReportError::Io { path: path.clone(), source };
         std::fs::create_dir_all(parent).map_err(io)?;
         KIND.check(&path, &[])?;
         let folder = AtomicDir::create(&path).map_err(io)?;
@@ -99,8 +99,13 @@ impl ReportFolder {
     /// it is also added to the sheet.
     ///
     /// # Errors
-    /// [`ReportError`].
-    pub fn add(&mut self, rgba: &[f32], [width, height]: [usize; 2], label: Option<String>) -> Result<(), ReportError> {
+    /// [`TrackReportError`].
+    pub fn add(
+        &mut self,
+        rgba: &[f32],
+        [width, height]: [usize; 2],
+        label: Option<String>,
+    ) -> Result<(), TrackReportError> {
         let inside = |p: &[f32]| p[3] >= self.options.mask_alpha;
         let area = rgba.chunks_exact(4).filter(|p| inside(p)).count();
         let name = format!("{:03}.png", self.areas.len());
@@ -124,8 +129,8 @@ impl ReportFolder {
     /// of the same times, are entered into the statistics, which are in the units of `calibration`.
     ///
     /// # Errors
-    /// [`ReportError`]; an earlier folder then stays.
-    pub fn finish(self, found: &mut Followup, calibration: &Calibration) -> Result<(), ReportError> {
+    /// [`TrackReportError`]; an earlier folder then stays.
+    pub fn finish(self, found: &mut TrackedSegment, calibration: &Calibration) -> Result<(), TrackReportError> {
         for (row, (area, share)) in found.statistics.iter_mut().zip(&self.areas) {
             (row.projected_area, row.projected_share) = (Some(*area), Some(*share));
         }
@@ -141,18 +146,18 @@ impl ReportFolder {
         Ok(self.folder.commit_replacing(&KIND, &[])?)
     }
 
-    fn put(&self, name: &str, bytes: &[u8]) -> Result<(), ReportError> {
+    fn put(&self, name: &str, bytes: &[u8]) -> Result<(), TrackReportError> {
         let write = std::fs::write(self.folder.dir().join(name), bytes);
-        write.map_err(|source| ReportError::Io { path: self.path.join(name), source })
+        write.map_err(|source| TrackReportError::Io { path: self.path.join(name), source })
     }
 
-    fn put_png(&self, name: &str, encoded: Result<Vec<u8>, ImageError>) -> Result<(), ReportError> {
-        let image = |source| ReportError::Image { path: self.path.join(name), source };
+    fn put_png(&self, name: &str, encoded: Result<Vec<u8>, ImageError>) -> Result<(), TrackReportError> {
+        let image = |source| TrackReportError::Image { path: self.path.join(name), source };
         self.put(name, &encoded.map_err(image)?)
     }
 
-    fn json(&self, name: &str, source: serde_json::Error) -> ReportError {
-        ReportError::Json { path: self.path.join(name), source }
+    fn json(&self, name: &str, source: serde_json::Error) -> TrackReportError {
+        TrackReportError::Json { path: self.path.join(name), source }
     }
 }
 
@@ -167,12 +172,12 @@ fn time(row: &SegmentStatistics) -> f64 {
 
 /// Plots how much of the segment there is, each measure as a fraction of its largest value, which the legend states.
 /// Times at which it is lost are gaps.
-fn over_time(found: &Followup, calibration: &Calibration) -> String {
+fn over_time(found: &TrackedSegment, calibration: &Calibration) -> String {
     let share = |name: &str, unit: &str, value: &dyn Fn(&SegmentStatistics) -> f64| {
-        let known = |s: &SegmentStatistics| if s.status == Status::Lost { f64::NAN } else { value(s) };
+        let known = |s: &SegmentStatistics| if s.status == RowStatus::Lost { f64::NAN } else { value(s) };
         let largest = found.statistics.iter().map(known).filter(|v| v.is_finite()).fold(0.0, f64::max);
         let points = found.statistics.iter().map(|s| (time(s), known(s) / largest.max(1e-300))).collect();
-        Series { name: format!("{name}, of {largest:.4} {unit}").trim_end().into(), points }
+        PlotSeries { name: format!("{name}, of {largest:.4} {unit}").trim_end().into(), points }
     };
     let volume = Unit::Volume.name(calibration);
     let series = [
@@ -186,10 +191,10 @@ fn over_time(found: &Followup, calibration: &Calibration) -> String {
 }
 
 /// Plots the velocity of the centroid and its magnitude; times at which the segment is lost are gaps.
-fn velocity_over_time(found: &Followup, calibration: &Calibration) -> String {
+fn velocity_over_time(found: &TrackedSegment, calibration: &Calibration) -> String {
     let curve = |name: &str, value: &dyn Fn([f64; 3]) -> f64| {
         let points = found.statistics.iter().map(|s| (time(s), s.velocity.map_or(f64::NAN, value))).collect();
-        Series { name: name.into(), points }
+        PlotSeries { name: name.into(), points }
     };
     let series = [
         curve("speed", &|v| v.iter().map(|c| c * c).sum::<f64>().sqrt()),

@@ -17,7 +17,7 @@ const CORE_OPACITY: f32 = 0.1;
 /// How far a row can be relied on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Status {
+pub enum RowStatus {
     /// The segment is where the row says.
     #[default]
     Tracked,
@@ -38,7 +38,7 @@ pub struct SegmentStatistics {
     /// The same in the data's unit; `None` where it is unknown.
     pub physical_time: Option<f64>,
     /// How far the row can be relied on.
-    pub status: Status,
+    pub status: RowStatus,
     /// Share of the segment's content whose Gaussians lie in its place; `None` if none of them is visible.
     pub counted_share: Option<f64>,
     /// Dice coefficient, by content at the time that the segment was found at, between the segment's Gaussians and those

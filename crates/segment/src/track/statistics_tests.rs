@@ -44,7 +44,7 @@ fn one_gaussian_is_described_by_itself() {
         colours: vec![0.1, 0.2, 0.3],
     };
     let s = scene.describe();
-    assert_eq!((s.visible, s.gaussians, s.opacity, s.status), (1, 1, 0.5, Status::Tracked));
+    assert_eq!((s.visible, s.gaussians, s.opacity, s.status), (1, 1, 0.5, RowStatus::Tracked));
     let exact = 4.0 / 3.0 * std::f64::consts::PI * 0.006;
     assert!((s.opaque_core_volume / exact - 1.0).abs() < 0.1, "{}", s.opaque_core_volume);
     let content = 2.0f64.ln() * std::f64::consts::TAU * 0.006f64.powf(2.0 / 3.0);

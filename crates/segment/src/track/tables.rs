@@ -1,6 +1,6 @@
 //! Statistics, events and tracks as CSV and JSON strings. The caller writes them to files.
 
-use super::events::{Event, TrackPoint};
+use super::events::{SegmentEvent, TrackPoint};
 use super::statistics::SegmentStatistics;
 use crate::csv;
 use crate::data::Calibration;
@@ -52,7 +52,7 @@ impl Unit {
 
 /// A column of [`statistics_csv`].
 #[derive(Clone, Copy, Debug)]
-pub struct Column {
+pub struct StatisticsColumn {
     /// Its name, also of the entry in `statistics.json`; with `_x`, `_y`, `_z` for the three entries of a position.
     pub name: &'static str,
     /// What it is measured in.
@@ -63,7 +63,7 @@ pub struct Column {
     fields: &'static [&'static str],
 }
 
-impl Column {
+impl StatisticsColumn {
     /// Returns its fields in a row with these entries of `statistics.json`.
     fn cells(&self, entries: &Value) -> Vec<String> {
         let value = match self.name {
@@ -80,18 +80,23 @@ impl Column {
     }
 }
 
-const fn column(name: &'static str, unit: Unit, meaning: &'static str) -> Column {
-    Column { name, unit, meaning, fields: &[""] }
+const fn column(name: &'static str, unit: Unit, meaning: &'static str) -> StatisticsColumn {
+    StatisticsColumn { name, unit, meaning, fields: &[""] }
 }
 
-const fn columns(name: &'static str, unit: Unit, fields: &'static [&'static str], meaning: &'static str) -> Column {
-    Column { name, unit, meaning, fields }
+const fn columns(
+    name: &'static str,
+    unit: Unit,
+    fields: &'static [&'static str],
+    meaning: &'static str,
+) -> StatisticsColumn {
+    StatisticsColumn { name, unit, meaning, fields }
 }
 
 const XYZ: &[&str] = &["_x", "_y", "_z"];
 
 /// Columns of [`statistics_csv`], in their order.
-pub const COLUMNS: &[Column] = &[
+pub const COLUMNS: &[StatisticsColumn] = &[
     column("segment", Unit::None, "name of the segment"),
     column("time", Unit::Normalised, "time, 0 at the first step and 1 at the last"),
     column("physical_time", Unit::Time, "the same in the data's unit; empty if unknown"),
@@ -130,7 +135,7 @@ pub const TRACK_COLUMNS: &str = "segment,time,component,track,weight,lent";
 /// Formats the meaning of the columns of [`statistics_csv`] as CSV: one row each, with its unit in this calibration.
 pub fn columns_csv(calibration: &Calibration) -> String {
     let mut out = String::from("column,unit,meaning\n");
-    for Column { name, unit, meaning, fields } in COLUMNS {
+    for StatisticsColumn { name, unit, meaning, fields } in COLUMNS {
         for field in *fields {
             let unit = unit.name(calibration);
             let _ = writeln!(out, "{name}{field},{},{}", csv::field(&unit), csv::field(meaning));
@@ -159,7 +164,7 @@ pub fn statistics_csv(rows: &[SegmentStatistics]) -> String {
 }
 
 /// Formats the events of one segment as CSV with a header.
-pub fn events_csv(segment: &str, events: &[Event]) -> String {
+pub fn events_csv(segment: &str, events: &[SegmentEvent]) -> String {
     rows_csv(EVENT_COLUMNS, segment, events)
 }
 
@@ -203,7 +208,7 @@ fn cell(entry: &Value) -> String {
 #[cfg(test)]
 mod tests {
     use super::super::events::{EventKind, Tracking};
-    use super::super::statistics::Status;
+    use super::super::statistics::RowStatus;
     use super::*;
     use crate::data::calibration::{PhysicalSpace, PhysicalTime};
 
@@ -211,7 +216,7 @@ mod tests {
         SegmentStatistics {
             segment: "light \"blue\", 2".into(),
             time: 0.1,
-            status: Status::Lost,
+            status: RowStatus::Lost,
             gaussians: 5,
             opacity: f64::NAN,
             centroid: Some([1.0, -2.5, 1e-9]),
@@ -275,7 +280,7 @@ mod tests {
             assert!(json.get(name).is_some() || json.get(format!("{name}s")).is_some(), "{name}");
         }
         let reference = include_str!("../../../../docs/reference.md");
-        for Column { name, .. } in COLUMNS {
+        for StatisticsColumn { name, .. } in COLUMNS {
             assert!(reference.contains(&format!("`{name}`")), "docs/reference.md does not explain {name}");
         }
     }
@@ -302,7 +307,7 @@ mod tests {
 
     #[test]
     fn events_and_tracks_have_their_columns() {
-        let event = Event {
+        let event = SegmentEvent {
             time_from: 0.0,
             time_to: 0.5,
             kind: EventKind::SegmentAppear,

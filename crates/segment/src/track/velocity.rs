@@ -22,7 +22,7 @@ pub enum Component {
 
 impl Component {
     /// Returns the component of each row of `velocities` `[N, 3]`, in their unit.
-    pub fn of(self, velocities: &[f32]) -> Vec<f32> {
+    pub fn values(self, velocities: &[f32]) -> Vec<f32> {
         let one = |v: &[f32]| match self {
             Self::X => v[0],
             Self::Y => v[1],
@@ -90,10 +90,10 @@ mod tests {
     #[test]
     fn components() {
         let v = [3.0, -4.0, 12.0, 0.0, 0.0, 0.0];
-        assert_eq!(Component::X.of(&v), [3.0, 0.0]);
-        assert_eq!(Component::Y.of(&v), [-4.0, 0.0]);
-        assert_eq!(Component::Z.of(&v), [12.0, 0.0]);
-        assert_eq!(Component::Speed.of(&v), [13.0, 0.0]);
+        assert_eq!(Component::X.values(&v), [3.0, 0.0]);
+        assert_eq!(Component::Y.values(&v), [-4.0, 0.0]);
+        assert_eq!(Component::Z.values(&v), [12.0, 0.0]);
+        assert_eq!(Component::Speed.values(&v), [13.0, 0.0]);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::dataset::Split;
 use super::hull::Aabb;
 
 /// One view, prepared for many projections.
-struct View {
+struct CarveView {
     rotation: DMat3,
     translation: DVec3,
     focal: [f64; 2],
@@ -16,7 +16,7 @@ struct View {
     frame: usize,
 }
 
-impl View {
+impl CarveView {
     /// Continuous pixel and depth; none behind the camera.
     fn project(&self, p: DVec3) -> Option<(f64, f64, f64)> {
         let q = self.rotation * p + self.translation;
@@ -26,9 +26,9 @@ impl View {
 }
 
 /// The alpha masks of a split, its views grouped by time.
-pub(super) struct Masks<'a> {
+pub(super) struct AlphaMasks<'a> {
     split: &'a Split,
-    groups: Vec<Vec<View>>,
+    groups: Vec<Vec<CarveView>>,
     threshold: u8,
     opaque: bool,
     width: usize,
@@ -46,19 +46,19 @@ pub(super) struct Masks<'a> {
 /// Approximate maximum width of a table, so that those of all views fit in memory.
 const TABLE_SIDE: usize = 256;
 
-impl<'a> Masks<'a> {
+impl<'a> AlphaMasks<'a> {
     /// `threshold` in [0, 1]: alpha above it counts as seen.
     pub(super) fn new(split: &'a Split, threshold: f32) -> Self {
         let threshold = (threshold.clamp(0.0, 1.0) * 255.0).floor() as u8;
         let loaded = split.images.len() == split.frames.len();
         let opaque = !loaded || split.images.pixels.par_chunks_exact(4).all(|p| p[3] > threshold);
         let times = split.times();
-        let mut groups: Vec<Vec<View>> = times.iter().map(|_| Vec::new()).collect();
+        let mut groups: Vec<Vec<CarveView>> = times.iter().map(|_| Vec::new()).collect();
         for (frame, f) in split.frames.iter().enumerate() {
             let group = times.partition_point(|t| *t < f.time);
             let (rotation, translation) = f.camera.world_to_camera_opencv();
             let (focal, centre) = ([f.camera.fx, f.camera.fy], [f.camera.cx, f.camera.cy]);
-            groups[group].push(View { rotation, translation, focal, centre, frame });
+            groups[group].push(CarveView { rotation, translation, focal, centre, frame });
         }
         let (width, height) = (split.images.width as usize, split.images.height as usize);
         let pool = width.max(height).div_ceil(TABLE_SIDE).max(1);
@@ -67,7 +67,7 @@ impl<'a> Masks<'a> {
             Self { split, groups, threshold, opaque, width, height, pool, stride, tables, bits: Vec::new() };
         if !opaque {
             masks.bits = (0..split.frames.len()).into_par_iter().map(|f| masks.pack(f)).collect();
-            let table = |group: &Vec<View>| group.par_iter().map(|v| masks.table(v.frame)).collect();
+            let table = |group: &Vec<CarveView>| group.par_iter().map(|v| masks.table(v.frame)).collect();
             masks.tables = masks.groups.par_iter().map(table).collect();
         }
         masks
@@ -79,7 +79,7 @@ impl<'a> Masks<'a> {
     }
 
     /// The index of the pixel at which a view sees a point; `None` outside its image.
-    fn pixel_of(&self, view: &View, p: DVec3) -> Option<usize> {
+    fn pixel_of(&self, view: &CarveView, p: DVec3) -> Option<usize> {
         let (x, y, _) = view.project(p)?;
         let inside = x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64;
         inside.then(|| y as usize * self.width + x as usize)
@@ -189,42 +189,43 @@ impl<'a> Masks<'a> {
 
 /// A surviving cell, and the first time group that keeps it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Cell {
+pub(super) struct HullCell {
     pub(super) index: [u32; 3],
     pub(super) group: usize,
 }
 
 /// The surviving cells of an `n * n * n` grid over a box.
-pub(super) struct Grid {
+pub(super) struct HullGrid {
     bounds: Aabb,
     n: usize,
-    pub(super) cells: Vec<Cell>,
+    pub(super) cells: Vec<HullCell>,
 }
 
-impl Grid {
+impl HullGrid {
     /// One cell, the whole box.
     pub(super) fn full(bounds: Aabb) -> Self {
-        Self { bounds, n: 1, cells: vec![Cell { index: [0; 3], group: 0 }] }
+        Self { bounds, n: 1, cells: vec![HullCell { index: [0; 3], group: 0 }] }
     }
 
     /// Tests all cells; `reach`, in cell sides, is the maximum distance of a seen pixel from a cell's centre (0.87
     /// covers the whole cell).
-    pub(super) fn carve(masks: &Masks<'_>, bounds: Aabb, n: usize, reach: f64) -> Self {
+    pub(super) fn carve(masks: &AlphaMasks<'_>, bounds: Aabb, n: usize, reach: f64) -> Self {
         let index = |i: usize| [(i % n) as u32, (i / n % n) as u32, (i / n / n) as u32];
-        let all = (0..n * n * n).map(|i| Cell { index: index(i), group: 0 }).collect();
+        let all = (0..n * n * n).map(|i| HullCell { index: index(i), group: 0 }).collect();
         Self::keep(masks, bounds, n, reach, all)
     }
 
     /// The grid of half the cell side, testing only inside surviving cells: a time that rejected a whole cell is not
     /// tested on its parts.
-    pub(super) fn refine(&self, masks: &Masks<'_>, reach: f64) -> Self {
-        let child = |c: &Cell, k: u32| Cell { index: [0, 1, 2].map(|a| 2 * c.index[a] + (k >> a & 1)), group: c.group };
+    pub(super) fn refine(&self, masks: &AlphaMasks<'_>, reach: f64) -> Self {
+        let child =
+            |c: &HullCell, k: u32| HullCell { index: [0, 1, 2].map(|a| 2 * c.index[a] + (k >> a & 1)), group: c.group };
         let children = self.cells.iter().flat_map(|c| (0..8u32).map(move |k| child(c, k))).collect();
         Self::keep(masks, self.bounds, 2 * self.n, reach, children)
     }
 
     /// The candidates kept by some time from their `group` on.
-    fn keep(masks: &Masks<'_>, bounds: Aabb, n: usize, reach: f64, mut left: Vec<Cell>) -> Self {
+    fn keep(masks: &AlphaMasks<'_>, bounds: Aabb, n: usize, reach: f64, mut left: Vec<HullCell>) -> Self {
         let mut grid = Self { bounds, n, cells: Vec::new() };
         let radius = reach * grid.cell().max_element();
         // time by time rather than cell by cell: the tables of one time fit in the processor's cache, those of all
@@ -236,7 +237,7 @@ impl Grid {
                 .map(|c| c.group <= group && masks.near(group, grid.point(c.index, DVec3::splat(0.5)), radius))
                 .collect();
             let both = left.iter().zip(&kept).filter(|(_, k)| **k);
-            grid.cells.extend(both.map(|(c, _)| Cell { index: c.index, group }));
+            grid.cells.extend(both.map(|(c, _)| HullCell { index: c.index, group }));
             let mut kept = kept.iter();
             left.retain(|_| !kept.next().copied().unwrap_or(false));
         }

@@ -3,7 +3,7 @@
 use super::LAYOUTS;
 use super::dataset::SplitName;
 use super::error::DataError;
-use super::scan::Scan;
+use super::scan::SplitScan;
 use super::transforms::{Transforms, TransformsLayout};
 use std::path::{Path, PathBuf};
 
@@ -20,8 +20,8 @@ pub trait DatasetLayout: Send + Sync {
     /// are relative to the folder.
     ///
     /// # Errors
-    /// If nothing can be read; what is wrong within a file is listed in [`Scan::problems`].
-    fn scan(&self, root: &Path, split: SplitName) -> Result<Scan, DataError>;
+    /// If nothing can be read; what is wrong within a file is listed in [`SplitScan::problems`].
+    fn scan(&self, root: &Path, split: SplitName) -> Result<SplitScan, DataError>;
 
     /// Whether the folder has a split.
     fn has(&self, root: &Path, split: SplitName) -> bool {
@@ -88,10 +88,10 @@ mod tests {
             root.join(if split == SplitName::Train { "views.json" } else { "no-views.json" })
         }
 
-        fn scan(&self, root: &Path, split: SplitName) -> Result<Scan, DataError> {
+        fn scan(&self, root: &Path, split: SplitName) -> Result<SplitScan, DataError> {
             let path = self.file(root, split);
             let text = std::fs::read_to_string(&path).unwrap();
-            Ok(Scan { contents: text.clone().into_bytes(), ..scan(&path, &text) })
+            Ok(SplitScan { contents: text.clone().into_bytes(), ..scan(&path, &text) })
         }
     }
 

@@ -8,7 +8,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::carve::{Grid, Masks};
+use super::carve::{AlphaMasks, HullGrid};
 use super::dataset::Split;
 use super::error::DataError;
 use super::fit::shrink_to_silhouettes;
@@ -88,15 +88,15 @@ impl VisualHull {
     /// If the hull is empty.
     pub fn carve(split: &Split, options: &HullOptions) -> Result<Self, DataError> {
         let start = view_box(split);
-        let masks = Masks::new(split, options.alpha_threshold);
+        let masks = AlphaMasks::new(split, options.alpha_threshold);
         if masks.opaque() {
             return Ok(Self { bounds: start, filled: 1.0, carved: false });
         }
         let empty = || DataError::EmptyHull { split: split.name.to_string(), views: split.frames.len() };
         let n = options.resolution.max(2);
         // whole cells first, so that nothing thin is lost; then half cells of a box that fits
-        let rough = Grid::carve(&masks, start, n / 2, 0.87).bounds().ok_or_else(empty)?;
-        let coarse = Grid::carve(&masks, rough, n, 0.87);
+        let rough = HullGrid::carve(&masks, start, n / 2, 0.87).bounds().ok_or_else(empty)?;
+        let coarse = HullGrid::carve(&masks, rough, n, 0.87);
         let fine = coarse.refine(&masks, 0.25);
         let bounds = fine.bounds().ok_or_else(empty)?;
         let bounds = shrink_to_silhouettes(split, bounds, options.alpha_threshold);
@@ -118,13 +118,13 @@ pub fn bounds(split: &Split) -> Result<Aabb, DataError> {
 /// `n` points `[n, 3]`, uniform in the part of `bounds` that is in the hull of at least one time, or in all of `bounds`
 /// if that part is empty. The same for the same `seed`, whatever the number of threads.
 pub fn sample(split: &Split, bounds: Aabb, n: usize, seed: u64) -> Vec<[f32; 3]> {
-    sample_in(&Masks::new(split, 0.0), bounds, n, seed).into_iter().map(|(p, _)| p.as_vec3().to_array()).collect()
+    sample_in(&AlphaMasks::new(split, 0.0), bounds, n, seed).into_iter().map(|(p, _)| p.as_vec3().to_array()).collect()
 }
 
 /// Like [`sample`], with the straight RGB `[n, 3]` in [0, 1] seen at each point: the mean, weighted by alpha, over the
 /// views of one time whose hull holds it; mid-grey where no view shows it.
 pub fn sample_coloured(split: &Split, bounds: Aabb, n: usize, seed: u64) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
-    let masks = Masks::new(split, 0.0);
+    let masks = AlphaMasks::new(split, 0.0);
     sample_in(&masks, bounds, n, seed)
         .into_par_iter()
         .with_min_len(CHUNK)
@@ -133,9 +133,9 @@ pub fn sample_coloured(split: &Split, bounds: Aabb, n: usize, seed: u64) -> (Vec
 }
 
 /// Points, each with the index of a time group whose hull holds it.
-fn sample_in(masks: &Masks<'_>, bounds: Aabb, n: usize, seed: u64) -> Vec<(DVec3, usize)> {
-    let grid = if masks.opaque() { Grid::full(bounds) } else { Grid::carve(masks, bounds, 64, 0.87) };
-    let grid = if grid.cells.is_empty() { Grid::full(bounds) } else { grid };
+fn sample_in(masks: &AlphaMasks<'_>, bounds: Aabb, n: usize, seed: u64) -> Vec<(DVec3, usize)> {
+    let grid = if masks.opaque() { HullGrid::full(bounds) } else { HullGrid::carve(masks, bounds, 64, 0.87) };
+    let grid = if grid.cells.is_empty() { HullGrid::full(bounds) } else { grid };
     let inside = |p: DVec3, first: usize| {
         if masks.opaque() { Some(first) } else { masks.group_holding(p, first) }
     };

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::error::DataError;
 use super::png::{START, check_claim};
 use crate::files::open_regular;
-use crate::memory::{Budget, product};
+use crate::memory::{MemoryBudget, product};
 
 /// All images of a split, `[frames, height, width, 4]` bytes, rows from the top, straight (not premultiplied)
 /// alpha.
@@ -41,7 +41,7 @@ impl ImageSet {
     pub fn load(json: &Path, paths: &[PathBuf], downscale: u32) -> Result<Self, DataError> {
         let (full_width, full_height) = common_size(json, paths)?;
         let (width, height) = downscaled_size(json, (full_width, full_height), downscale)?;
-        check_memory(json, paths.len(), (full_width, full_height), downscale, Budget::now())?;
+        check_memory(json, paths.len(), (full_width, full_height), downscale, MemoryBudget::now())?;
         let frame = width as usize * height as usize * Self::CHANNELS;
         let mut pixels = vec![0; frame * paths.len()];
         let results: Vec<Result<bool, DataError>> = pixels
@@ -93,7 +93,7 @@ impl ImageSet {
     pub fn downscale(&self, factor: u32) -> Result<Self, DataError> {
         let (width, height) = downscaled_size(Path::new("image set"), (self.width, self.height), factor)?;
         let bytes = product(&[self.len(), width as usize, height as usize, Self::CHANNELS]);
-        Budget::now()
+        MemoryBudget::now()
             .check(format!("images reduced by {factor}"), bytes)
             .map_err(|e| DataError::option(Path::new("image set"), "downscale", e, FEWER))?;
         let mut out = vec![0; width as usize * height as usize * Self::CHANNELS * self.len()];
@@ -183,7 +183,7 @@ pub(crate) fn decode(path: &Path) -> Result<(RgbaImage, bool), String> {
     if u64::from(width) * u64::from(height) > LARGE {
         // as many images may be decoded at a time as there are threads
         let bytes = product(&[width as usize, height as usize, DECODING, rayon::current_num_threads()]);
-        Budget::now().check(format!("decoding {width}x{height} pixels"), bytes).map_err(|e| e.to_string())?;
+        MemoryBudget::now().check(format!("decoding {width}x{height} pixels"), bytes).map_err(|e| e.to_string())?;
     }
     let (mut reader, kind) = open(path)?;
     if kind == ImageFormat::Jpeg {
@@ -249,7 +249,13 @@ const DECODING: usize = 12;
 
 /// Rejects images that do not fit into memory, by their number and size: all of them as kept, plus those decoded at a
 /// time in full size.
-fn check_memory(json: &Path, count: usize, full: (u32, u32), downscale: u32, budget: Budget) -> Result<(), DataError> {
+fn check_memory(
+    json: &Path,
+    count: usize,
+    full: (u32, u32),
+    downscale: u32,
+    budget: MemoryBudget,
+) -> Result<(), DataError> {
     let (width, height) = downscaled_size(json, full, downscale)?;
     let kept = product(&[count, width as usize, height as usize, ImageSet::CHANNELS]);
     let at_a_time = rayon::current_num_threads().min(count);

@@ -80,14 +80,14 @@ fn every_bit_depth_and_colour_type_is_read() {
 fn images_that_do_not_fit_into_memory_are_refused_before_they_are_decoded() {
     let json = Path::new("transforms_train.json");
     let check =
-        |count, downscale| check_memory(json, count, (2000, 2000), downscale, Budget::from_bytes(8_000_000_000));
+        |count, downscale| check_memory(json, count, (2000, 2000), downscale, MemoryBudget::from_bytes(8_000_000_000));
     let text = check(600, 1).unwrap_err().to_string();
     let words =
         ["transforms_train.json", "`data.downscale`", "1 keeps 600 images of 2000x2000", "--memory", "larger factor"];
     assert!(words.iter().all(|w| text.contains(w)), "{text}");
     check(600, 8).unwrap();
     // a size that a damaged header may claim
-    let huge = check_memory(json, usize::MAX, (u32::MAX, u32::MAX), 1, Budget::from_bytes(u64::MAX));
+    let huge = check_memory(json, usize::MAX, (u32::MAX, u32::MAX), 1, MemoryBudget::from_bytes(u64::MAX));
     assert!(huge.is_err());
 }
 

@@ -12,7 +12,7 @@ use super::dataset_layout::layout_of;
 use super::images::{decode, size};
 use super::inspect_views::{cameras, times};
 use super::normalisation::Normalisation;
-use super::scan::{ROTATION_TOLERANCE, Scan};
+use super::scan::{ROTATION_TOLERANCE, SplitScan};
 use super::transforms::{FrameRecord, repeated, same_image};
 use crate::files::leads_out;
 
@@ -21,7 +21,7 @@ const MAX_SHOWN: usize = 5;
 
 /// The result of one check.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Check {
+pub struct DatasetCheck {
     /// Its name, as in `train: json`.
     pub name: String,
     /// Whether it passed.
@@ -71,11 +71,11 @@ pub struct SplitFacts {
 
 /// What a dataset folder holds and what is wrong with it.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Report {
+pub struct DatasetReport {
     /// The folder.
     pub root: PathBuf,
     /// The checks, in a fixed order.
-    pub checks: Vec<Check>,
+    pub checks: Vec<DatasetCheck>,
     /// Numbers per split.
     pub splits: Vec<SplitFacts>,
     /// Every single problem, with file, frame and field.
@@ -84,14 +84,14 @@ pub struct Report {
     pub notes: Vec<String>,
 }
 
-impl Report {
+impl DatasetReport {
     /// Whether all checks passed.
     pub fn ok(&self) -> bool {
         self.checks.iter().all(|c| c.ok)
     }
 
     pub(super) fn check(&mut self, split: &str, what: &str, ok: bool, detail: impl Into<String>) {
-        self.checks.push(Check { name: format!("{split}: {what}"), ok, detail: detail.into() });
+        self.checks.push(DatasetCheck { name: format!("{split}: {what}"), ok, detail: detail.into() });
     }
 
     /// A check that fails with `problems`, or passes with `fine`.
@@ -103,8 +103,8 @@ impl Report {
 }
 
 /// Checks the dataset folder `root`: JSON, images, times, lens and poses of every split.
-pub fn inspect(root: &Path) -> Report {
-    let mut report = Report { root: root.to_owned(), ..Report::default() };
+pub fn inspect(root: &Path) -> DatasetReport {
+    let mut report = DatasetReport { root: root.to_owned(), ..DatasetReport::default() };
     let (layout, present) = (layout_of(root), Dataset::present(root));
     let found = present.iter().map(|n| n.as_str()).collect::<Vec<_>>().join(", ");
     let lacking = SplitName::ALL.iter().filter(|n| **n != SplitName::Val && !present.contains(n));
@@ -126,7 +126,7 @@ pub fn inspect(root: &Path) -> Report {
     report
 }
 
-fn inspect_split(report: &mut Report, root: &Path, name: SplitName, scan: &Scan) {
+fn inspect_split(report: &mut DatasetReport, root: &Path, name: SplitName, scan: &SplitScan) {
     let path = name.json_path(root);
     let split = name.as_str();
     let mut facts = SplitFacts { name: split.to_owned(), frames: scan.frames.len(), ..SplitFacts::default() };
@@ -166,7 +166,13 @@ fn inspect_split(report: &mut Report, root: &Path, name: SplitName, scan: &Scan)
 }
 
 /// Decodes every image once, in parallel, keeping only counts.
-fn images(report: &mut Report, facts: &mut SplitFacts, root: &Path, json: &Path, records: &[(usize, &FrameRecord)]) {
+fn images(
+    report: &mut DatasetReport,
+    facts: &mut SplitFacts,
+    root: &Path,
+    json: &Path,
+    records: &[(usize, &FrameRecord)],
+) {
     let paths: Vec<PathBuf> = records.iter().map(|(_, r)| r.image_path(root)).collect();
     let twice = same_image(root, records.iter().copied());
     let twice = twice.and_then(|pair| Some((pair, &records.iter().find(|(i, _)| *i == pair.0)?.1.file_path)));

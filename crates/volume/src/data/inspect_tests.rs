@@ -3,7 +3,7 @@
 use super::*;
 use crate::data::dataset::tests::dataset;
 
-fn failing(report: &Report) -> Vec<&str> {
+fn failing(report: &DatasetReport) -> Vec<&str> {
     report.checks.iter().filter(|c| !c.ok).map(|c| c.name.as_str()).collect()
 }
 
@@ -17,7 +17,7 @@ fn a_good_folder_passes() {
     assert_eq!((train.views_per_time, train.missing_images), (Some([4, 4]), 0));
     assert!((train.camera_radius.unwrap()[0] - 4.0).abs() < 1e-6 && train.look_at_error.unwrap() < 1e-6);
     let text = serde_json::to_string(&report).unwrap();
-    assert_eq!(serde_json::from_str::<Report>(&text).unwrap(), report);
+    assert_eq!(serde_json::from_str::<DatasetReport>(&text).unwrap(), report);
 }
 
 #[test]

@@ -1,14 +1,14 @@
 //! The checks of times, lens and camera layout, from the JSON alone. Used by `inspect` alone.
 
 use super::camera::{Camera, look_at_point};
-use super::inspect::{Report, SplitFacts};
+use super::inspect::{DatasetReport, SplitFacts};
 use super::lens::check_lens;
-use super::scan::Scan;
+use super::scan::SplitScan;
 use super::transforms::FrameRecord;
 use std::path::Path;
 
 /// Checks whether the times are evenly spread, and over all of [0, 1].
-pub(super) fn times(report: &mut Report, facts: &mut SplitFacts, records: &[(usize, &FrameRecord)]) {
+pub(super) fn times(report: &mut DatasetReport, facts: &mut SplitFacts, records: &[(usize, &FrameRecord)]) {
     let mut all: Vec<f64> = records.iter().map(|(_, r)| r.time).collect();
     all.sort_by(f64::total_cmp);
     let counts: Vec<usize> = all.chunk_by(|a, b| a == b).map(<[f64]>::len).collect();
@@ -41,10 +41,10 @@ pub(super) fn times(report: &mut Report, facts: &mut SplitFacts, records: &[(usi
 
 /// Checks whether the lens is sane, and whether the cameras look at one point.
 pub(super) fn cameras(
-    report: &mut Report,
+    report: &mut DatasetReport,
     facts: &mut SplitFacts,
     json: &Path,
-    scan: &Scan,
+    scan: &SplitScan,
     records: &[(usize, &FrameRecord)],
 ) {
     let [w, h] = facts.resolution.unwrap_or([1, 1]);

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 /// What happens to a segment at a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Change {
+pub enum LineageChange {
     /// It ends: it merges into another, or vanishes.
     Ended,
     /// It begins: it splits off another, or appears.
@@ -21,7 +21,7 @@ pub struct LineageEvent {
     /// The segment that ends or begins.
     pub segment: u16,
     /// Whether it ends or begins.
-    pub change: Change,
+    pub change: LineageChange,
     /// The one that continues, into which it merges or from which it splits; none where it vanishes or appears alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub other: Option<u16>,
@@ -37,7 +37,7 @@ pub fn ids_at(turns: &[LineageEvent], ids: &[u16], from: f64, to: f64) -> Option
     // within a step ends come first: what splits off may have merged before
     between.sort_by(|a, b| a.time.total_cmp(&b.time).then(a.change.cmp(&b.change)));
     // backwards in time, an end is where a segment comes from, and a beginning is where it goes
-    let comes = if to < from { Change::Ended } else { Change::Began };
+    let comes = if to < from { LineageChange::Ended } else { LineageChange::Began };
     if to < from {
         between.reverse();
     }
@@ -73,9 +73,9 @@ pub fn ids_at(turns: &[LineageEvent], ids: &[u16], from: f64, to: f64) -> Option
 #[cfg(test)]
 mod tests {
     use super::*;
-    use Change::{Began, Ended};
+    use LineageChange::{Began, Ended};
 
-    fn turn(time: f64, segment: u16, change: Change, other: impl Into<Option<u16>>) -> LineageEvent {
+    fn turn(time: f64, segment: u16, change: LineageChange, other: impl Into<Option<u16>>) -> LineageEvent {
         LineageEvent { time, segment, change, other: other.into() }
     }
 

@@ -21,7 +21,7 @@ pub const ROTATION_TOLERANCE: f64 = 1e-3;
 
 /// The views of a split, as far as they can be read.
 #[derive(Debug, Default)]
-pub struct Scan {
+pub struct SplitScan {
     /// Focal length, principal point and size, where given.
     pub intrinsics: Intrinsics,
     /// One entry per frame of the file; none for a frame with a problem.
@@ -35,8 +35,8 @@ pub struct Scan {
 }
 
 /// Reads `text`; `path` is used in messages only. Never panics and never stops at the first problem.
-pub fn scan(path: &Path, text: &str) -> Scan {
-    let mut out = Scan::default();
+pub fn scan(path: &Path, text: &str) -> SplitScan {
+    let mut out = SplitScan::default();
     match parse_lenient(path, text) {
         Ok(Value::Object(top)) => Scanner { path, out: &mut out }.top(&top),
         Ok(_) => out.problems.push(DataError::field_error(
@@ -53,7 +53,7 @@ pub fn scan(path: &Path, text: &str) -> Scan {
 
 struct Scanner<'a> {
     path: &'a Path,
-    out: &'a mut Scan,
+    out: &'a mut SplitScan,
 }
 
 impl Scanner<'_> {

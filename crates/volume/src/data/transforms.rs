@@ -13,7 +13,7 @@ use super::dataset::SplitName;
 use super::dataset_layout::{DatasetLayout, looked_for};
 use super::error::DataError;
 use super::normalisation::Normalisation;
-use super::scan::{Scan, scan};
+use super::scan::{SplitScan, scan};
 use crate::files::write_atomic;
 
 /// The lens as given in the JSON; what is missing follows from the image size.
@@ -190,7 +190,7 @@ impl Transforms {
     ///
     /// # Errors
     /// The first problem.
-    pub fn from_scan(path: &Path, scan: Scan) -> Result<Self, DataError> {
+    pub fn from_scan(path: &Path, scan: SplitScan) -> Result<Self, DataError> {
         match scan.problems.into_iter().next() {
             Some(problem) => Err(problem),
             None => Ok(Self {
@@ -268,11 +268,11 @@ impl DatasetLayout for TransformsLayout {
         root.join(format!("transforms_{split}.json"))
     }
 
-    fn scan(&self, root: &Path, split: SplitName) -> Result<Scan, DataError> {
+    fn scan(&self, root: &Path, split: SplitName) -> Result<SplitScan, DataError> {
         let path = self.file(root, split);
         let text = read_text(&path)?;
         let found = scan(&path, &text);
-        Ok(Scan { contents: text.into_bytes(), ..found })
+        Ok(SplitScan { contents: text.into_bytes(), ..found })
     }
 }
 

@@ -39,7 +39,7 @@ pub struct TruthVolume {
 
 /// The header entry.
 #[derive(Serialize, Deserialize)]
-struct Header {
+struct TruthVolumeHeader {
     time: f64,
     spacing: [f64; 3],
     origin: [f64; 3],
@@ -96,7 +96,7 @@ impl TruthVolume {
         // NaN becomes 0, as a cast does
         let opacity = bytes(&mut self.opacity.iter().map(|o| (o.clamp(0.0, 1.0) * PARTS).round() as u16));
         let view = |data| TensorView::new(Dtype::U16, vec![z, y, x], data).map_err(wrong);
-        let header = Header { time: self.time, spacing: self.spacing, origin: self.origin };
+        let header = TruthVolumeHeader { time: self.time, spacing: self.spacing, origin: self.origin };
         let text =
             versioned::to_json(&header).map_err(|e| TensorFileError::Io { path: path.to_owned(), source: e.into() })?;
         tensors::write(path, vec![("ids", view(&ids)?), ("opacity", view(&opacity)?)], Some((ENTRY, text)))
@@ -123,7 +123,8 @@ impl TruthVolume {
         let (_, metadata) = SafeTensors::read_metadata(&bytes).map_err(broken)?;
         let text = metadata.metadata().as_ref().and_then(|m| m.get(ENTRY));
         let text = text.ok_or_else(|| fail(ENTRY, "is not in the header; not a volume of segment ids".to_owned()))?;
-        let Header { time, spacing, origin } = versioned::from_json(text).map_err(|e| fail(ENTRY, e.to_string()))?;
+        let TruthVolumeHeader { time, spacing, origin } =
+            versioned::from_json(text).map_err(|e| fail(ENTRY, e.to_string()))?;
         if !(time.is_finite() && origin.iter().all(|o| o.is_finite())) {
             return Err(fail(ENTRY, format!("time {time} and origin {origin:?} must be finite")));
         }

@@ -1,12 +1,12 @@
 //! Checks that find what is wrong with a dataset before anything is rendered.
 
 use super::{
-    FOLDER, FileLabels, PrepareError, PrepareOptions, SegmentOptions, SegmentSteps, Source, image_count, views,
+    FOLDER, FileLabels, PrepareError, PrepareOptions, PrepareSource, SegmentOptions, SegmentSteps, image_count, views,
 };
-use crate::memory::{Budget, product};
+use crate::memory::{MemoryBudget, product};
 use crate::name::Name;
 use crate::volume::components;
-use crate::volume::placement::Placement;
+use crate::volume::placement::VoxelPlacement;
 use crate::volume::raycast::{LONGEST_STEP, SHORTEST_STEP};
 use crate::volume::transfer::TransferFunction;
 use std::collections::BTreeSet;
@@ -30,7 +30,7 @@ pub const LENGTHS: RangeInclusive<f64> = 1e-6..=1e6;
 /// # Errors
 /// The first problem, named by its flag or in words.
 pub fn check(
-    source: &Source,
+    source: &PrepareSource,
     transfer: &TransferFunction,
     options: &PrepareOptions,
     out: &Path,
@@ -49,9 +49,9 @@ pub fn check(
         return wrong(format!("size {}x{}: between 1 and 16384 pixels", views.size[0], views.size[1]));
     }
     match &views.times {
-        views::Times::Count(0) => return wrong("times 0: at least one training step is needed".into()),
-        views::Times::Steps(list) if list.is_empty() => return wrong("no training step is given".into()),
-        views::Times::Steps(list) => {
+        views::TrainingTimes::Count(0) => return wrong("times 0: at least one training step is needed".into()),
+        views::TrainingTimes::Steps(list) if list.is_empty() => return wrong("no training step is given".into()),
+        views::TrainingTimes::Steps(list) => {
             if let Some(step) = list.iter().find(|s| **s >= steps) {
                 return wrong(format!("step {step}: the series has {steps} steps, 0 to {}", steps - 1));
             }
@@ -62,7 +62,7 @@ pub fn check(
                 ));
             }
         }
-        views::Times::Count(_) => {}
+        views::TrainingTimes::Count(_) => {}
     }
     if views.views_per_time == 0 || views.test_views == 0 {
         return wrong("at least one training view per time and one test view are needed".into());
@@ -75,7 +75,7 @@ pub fn check(
             return wrong(format!("{name} {length:?}: a length from {:e} to {:e}", LENGTHS.start(), LENGTHS.end()));
         }
     }
-    let reach = Placement::new(&source.grid(), options.side).half.length();
+    let reach = VoxelPlacement::new(&source.grid(), options.side).half.length();
     if views.radius <= reach {
         return wrong(format!("radius {}: cameras must stand outside the volume, beyond {reach:.3}", views.radius));
     }
@@ -93,7 +93,11 @@ pub fn check(
 }
 
 /// Steps at which to render segments must exist, and there must be segments to render.
-fn segment_steps(source: &Source, transfer: &TransferFunction, options: &SegmentOptions) -> Result<(), PrepareError> {
+fn segment_steps(
+    source: &PrepareSource,
+    transfer: &TransferFunction,
+    options: &SegmentOptions,
+) -> Result<(), PrepareError> {
     if matches!(options.steps, SegmentSteps::Even(_)) {
         return Ok(());
     }
@@ -114,14 +118,14 @@ fn segment_steps(source: &Source, transfer: &TransferFunction, options: &Segment
 }
 
 /// Segments become folders: their names must be valid for that, and distinct.
-fn names(source: &Source, transfer: &TransferFunction) -> Result<(), PrepareError> {
+fn names(source: &PrepareSource, transfer: &TransferFunction) -> Result<(), PrepareError> {
     let wrong = |text: String| Err(PrepareError::Options(text));
     for segment in &transfer.segments {
         if let Err(e) = Name::new(segment.name.as_str()) {
             return wrong(format!("transfer function {}: {e}", transfer.name));
         }
     }
-    if let Source::Files { labels: FileLabels::Files { names, .. }, .. } = source {
+    if let PrepareSource::Files { labels: FileLabels::Files { names, .. }, .. } = source {
         let (mut ids, mut known) = (BTreeSet::new(), BTreeSet::new());
         for (id, name) in names {
             if !ids.insert(id) || !known.insert(name) {
@@ -138,8 +142,8 @@ fn names(source: &Source, transfer: &TransferFunction) -> Result<(), PrepareErro
 }
 
 /// Checks that the plan, the images rendered at a time and a step of the series fit into memory.
-fn memory(source: &Source, options: &PrepareOptions) -> Result<(), PrepareError> {
-    let (views, free) = (&options.views, Budget::now());
+fn memory(source: &PrepareSource, options: &PrepareOptions) -> Result<(), PrepareError> {
+    let (views, free) = (&options.views, MemoryBudget::now());
     let [w, h] = views.size.map(|n| n as usize);
     let plan = |count: usize| product(&[count, VIEW_BYTES]);
     free.check(format!("--test-views {}", views.test_views), plan(views.test_views))?;
@@ -150,13 +154,13 @@ fn memory(source: &Source, options: &PrepareOptions) -> Result<(), PrepareError>
     free.check(what, product(&[w, h, PIXEL_BYTES * threads]).max(product(&[w, h, SHEET_BYTES])))?;
     let dims = source.grid().dims;
     let [x, y, z] = dims;
-    let parts = matches!(source, Source::Files { labels: FileLabels::Parts(_), .. });
+    let parts = matches!(source, PrepareSource::Files { labels: FileLabels::Parts(_), .. });
     let bytes = if parts { VOXEL_BYTES.max(size_of::<f32>() + components::VOXEL_BYTES) } else { VOXEL_BYTES };
     free.check(format!("a volume of {x} x {y} x {z} voxels"), product(&[x, y, z, bytes]))?;
     Ok(())
 }
 
 /// The files from which the dataset is made.
-pub(super) fn needed<'a>(source: &'a Source, options: &'a PrepareOptions) -> Vec<&'a Path> {
+pub(super) fn needed<'a>(source: &'a PrepareSource, options: &'a PrepareOptions) -> Vec<&'a Path> {
     source.files().into_iter().chain(options.needed.iter().map(PathBuf::as_path)).collect()
 }

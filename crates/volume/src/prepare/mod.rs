@@ -33,7 +33,7 @@ mod truth_tests;
 pub use error::PrepareError;
 pub use record::{PrepareRecord, RecordError, SourceFile};
 pub use segments::{EVEN_STEPS, SegmentOptions, SegmentSteps};
-pub use source::{FileLabels, Source};
+pub use source::{FileLabels, PrepareSource};
 
 use crate::data::DataError;
 use crate::data::dataset::{SplitName, read_split};
@@ -41,7 +41,7 @@ use crate::data::transforms::{FrameRecord, Intrinsics, Transforms};
 use crate::draw::views::view_sheet;
 use crate::files::{AtomicDir, FolderKind, write_atomic};
 use crate::versioned;
-use crate::volume::placement::Placement;
+use crate::volume::placement::VoxelPlacement;
 use crate::volume::placement::published_side;
 use crate::volume::raycast::{DEFAULT_STEP, RayCaster};
 use crate::volume::transfer::TransferFunction;
@@ -53,7 +53,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
-use views::{View, ViewOptions, test_views, training_views};
+use views::{PlannedView, ViewOptions, test_views, training_views};
 use write::{write_gray, write_picture, write_sheet};
 
 /// Grows with every change to the images and cameras that the same options produce; whatever is keyed by the options
@@ -116,23 +116,23 @@ pub const FOLDER: FolderKind = FolderKind {
 };
 
 /// One image to be made, with its split and index.
-struct Job {
+struct ImageJob {
     split: SplitName,
     index: usize,
-    view: View,
+    view: PlannedView,
 }
 
 /// Number of images that [`prepare`] will make, without segments.
-pub fn image_count(source: &Source, options: &PrepareOptions) -> usize {
+pub fn image_count(source: &PrepareSource, options: &PrepareOptions) -> usize {
     let times = match &options.views.times {
-        views::Times::Count(n) => source.len().min(*n),
-        views::Times::Steps(list) => list.len(),
+        views::TrainingTimes::Count(n) => source.len().min(*n),
+        views::TrainingTimes::Steps(list) => list.len(),
     };
     times.saturating_mul(options.views.views_per_time).saturating_add(options.views.test_views)
 }
 
 /// The time of each step, if they are not evenly spaced.
-fn uneven_times(source: &Source) -> Option<Vec<f64>> {
+fn uneven_times(source: &PrepareSource) -> Option<Vec<f64>> {
     let times: Vec<f64> = (0..source.len()).map(|step| source.time(step)).collect();
     let last = times.len().saturating_sub(1).max(1) as f64;
     let even = times.iter().enumerate().all(|(step, time)| (time - step as f64 / last).abs() < 1e-9);
@@ -145,7 +145,7 @@ fn uneven_times(source: &Source) -> Option<Vec<f64>> {
 /// # Errors
 /// See [`PrepareError`]; nothing is then left at `out`.
 pub fn prepare(
-    source: &Source,
+    source: &PrepareSource,
     transfer: &TransferFunction,
     options: &PrepareOptions,
     out: &Path,
@@ -174,7 +174,7 @@ pub fn prepare(
 
 /// Makes the content of the dataset in the folder `root`.
 fn build(
-    source: &Source,
+    source: &PrepareSource,
     transfer: &TransferFunction,
     options: &PrepareOptions,
     root: &Path,
@@ -184,8 +184,8 @@ fn build(
 ) -> Result<PrepareRecord, PrepareError> {
     let span = transfer.span(source.range()?);
     let grid = source.grid();
-    let placement = Placement::new(&grid, options.side);
-    let mut jobs: Vec<Job> = Vec::new();
+    let placement = VoxelPlacement::new(&grid, options.side);
+    let mut jobs: Vec<ImageJob> = Vec::new();
     for (split, views) in [
         (SplitName::Train, training_views(&options.views, source.len())),
         (SplitName::Test, test_views(&options.views, source.len())),
@@ -193,7 +193,7 @@ fn build(
         write_transforms(root, split, &views, source, options)?;
         let path = root.join(split.as_str());
         std::fs::create_dir(&path).map_err(|e| write_error(&path, &e))?;
-        jobs.extend(views.into_iter().enumerate().map(|(index, view)| Job { split, index, view }));
+        jobs.extend(views.into_iter().enumerate().map(|(index, view)| ImageJob { split, index, view }));
     }
     let (train_views, test_views) =
         [SplitName::Train, SplitName::Test].map(|s| jobs.iter().filter(|j| j.split == s).count()).into();
@@ -207,7 +207,7 @@ fn build(
     let (mut trained, mut empty_times) = (0, Vec::new());
     let mut load_seconds = 0.0;
     for step in 0..source.len() {
-        let of_step: Vec<&Job> = jobs.iter().filter(|j| j.view.step == step).collect();
+        let of_step: Vec<&ImageJob> = jobs.iter().filter(|j| j.view.step == step).collect();
         if of_step.is_empty() && !segments.wants(step) {
             continue;
         }
@@ -279,12 +279,18 @@ fn write_error(path: &Path, e: &dyn std::fmt::Display) -> PrepareError {
     PrepareError::Write { path: path.to_owned(), reason: e.to_string() }
 }
 
-fn jobs_of_test(jobs: &[Job]) -> Vec<View> {
+fn jobs_of_test(jobs: &[ImageJob]) -> Vec<PlannedView> {
     jobs.iter().filter(|j| j.split == SplitName::Test).map(|j| j.view.clone()).collect()
 }
 
 /// Renders one image, with its label image if `labelled`, and returns whether it shows anything.
-fn render(caster: &RayCaster, job: &Job, root: &Path, labelled: bool, stop: &AtomicBool) -> Result<bool, PrepareError> {
+fn render(
+    caster: &RayCaster,
+    job: &ImageJob,
+    root: &Path,
+    labelled: bool,
+    stop: &AtomicBool,
+) -> Result<bool, PrepareError> {
     let name = format!("r_{}.png", job.index);
     let path = root.join(job.split.as_str()).join(&name);
     let camera = &job.view.camera;
@@ -303,8 +309,8 @@ fn render(caster: &RayCaster, job: &Job, root: &Path, labelled: bool, stop: &Ato
 fn write_transforms(
     root: &Path,
     split: SplitName,
-    views: &[View],
-    source: &Source,
+    views: &[PlannedView],
+    source: &PrepareSource,
     options: &PrepareOptions,
 ) -> Result<(), PrepareError> {
     let frames = views.iter().enumerate().map(|(i, view)| FrameRecord {

@@ -6,7 +6,7 @@ use crate::files::read_text;
 use crate::versioned;
 use crate::volume::directions::Directions;
 use crate::volume::grid::Grid;
-use crate::volume::placement::Placement;
+use crate::volume::placement::VoxelPlacement;
 use crate::words::plain;
 use serde::{Deserialize, Serialize};
 use std::io::ErrorKind;
@@ -105,8 +105,8 @@ impl PrepareRecord {
     }
 
     /// Where the voxels of the volumes are in the scene.
-    pub fn placement(&self) -> Placement {
-        Placement::new(&self.grid(), self.side)
+    pub fn placement(&self) -> VoxelPlacement {
+        VoxelPlacement::new(&self.grid(), self.side)
     }
 
     /// The same record with lengths in the units of a scene that was trained on the dataset.

@@ -2,16 +2,16 @@
 //! volumes of ids (`volumes/`), and `segments.json`, which lists them.
 
 pub use super::shots::{EVEN_STEPS, SegmentSteps};
-use super::shots::{Shot, shots, volume_steps};
-use super::views::View;
+use super::shots::{SegmentShot, shots, volume_steps};
+use super::views::PlannedView;
 use super::write::{write_mask, write_picture};
-use super::{FileLabels, MASK_ALPHA, PrepareError, Source};
+use super::{FileLabels, MASK_ALPHA, PrepareError, PrepareSource};
 use crate::data::truth::{FILE, SegmentEntry, SegmentFile, SegmentFrame, VolumeEntry};
 use crate::data::{SplitName, TruthVolume};
 use crate::files::write_atomic;
 use crate::versioned;
-use crate::volume::grid::Labels;
-use crate::volume::raycast::{Cells, Picture, RayCaster};
+use crate::volume::grid::VolumeLabels;
+use crate::volume::raycast::{RayCaster, RaycastPicture, SceneCells};
 use crate::volume::transfer::TransferFunction;
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -47,12 +47,12 @@ impl Default for SegmentOptions {
 /// Renders segments step by step.
 pub(super) struct SegmentWriter<'a> {
     root: &'a Path,
-    source: &'a Source,
+    source: &'a PrepareSource,
     transfer: &'a TransferFunction,
     options: &'a SegmentOptions,
     known: bool,
     from_labels: bool,
-    shots: Vec<Shot>,
+    shots: Vec<SegmentShot>,
     volume_steps: BTreeSet<usize>,
     volumes: Vec<VolumeEntry>,
     camera_angle_x: f64,
@@ -64,18 +64,18 @@ pub(super) struct SegmentWriter<'a> {
 }
 
 /// Path of a segment's image in `shot`, from the dataset's root.
-fn file_path(segment: &str, shot: &Shot, end: &str) -> String {
+fn file_path(segment: &str, shot: &SegmentShot, end: &str) -> String {
     format!("./segments/{segment}/{}{end}.png", shot.name)
 }
 
 impl<'a> SegmentWriter<'a> {
     pub fn new(
         root: &'a Path,
-        source: &'a Source,
+        source: &'a PrepareSource,
         transfer: &'a TransferFunction,
         options: &'a SegmentOptions,
         known: bool,
-        test: &[View],
+        test: &[PlannedView],
         trained: &BTreeSet<usize>,
     ) -> Self {
         let n = if known { options.views.min(test.len()) } else { 0 };
@@ -118,7 +118,7 @@ impl<'a> SegmentWriter<'a> {
     }
 
     /// Records which ids a step has.
-    pub fn record_ids(&mut self, labels: &Labels) {
+    pub fn record_ids(&mut self, labels: &VolumeLabels) {
         let mut seen = vec![false; usize::from(u16::MAX) + 1];
         labels.ids.iter().for_each(|id| seen[usize::from(*id)] = true);
         self.here = (1..=u16::MAX).filter(|id| seen[usize::from(*id)]).collect();
@@ -137,7 +137,7 @@ impl<'a> SegmentWriter<'a> {
         if self.volume_steps.contains(&step) {
             self.write_volume(step, caster)?;
         }
-        let shots: Vec<&Shot> = self.shots.iter().filter(|s| s.view.step == step).collect();
+        let shots: Vec<&SegmentShot> = self.shots.iter().filter(|s| s.view.step == step).collect();
         if shots.is_empty() {
             return Ok(());
         }
@@ -167,7 +167,12 @@ impl<'a> SegmentWriter<'a> {
     }
 
     /// Writes the `picture` of a segment alone and its mask, in the segment's folder.
-    fn write_frame(&self, segment: &str, shot: &Shot, picture: &Picture) -> Result<SegmentFrame, PrepareError> {
+    fn write_frame(
+        &self,
+        segment: &str,
+        shot: &SegmentShot,
+        picture: &RaycastPicture,
+    ) -> Result<SegmentFrame, PrepareError> {
         let camera = &shot.view.camera;
         let mask = picture.mask(MASK_ALPHA);
         let [file_path, mask_path] = ["", "_mask"].map(|end| file_path(segment, shot, end));
@@ -185,7 +190,7 @@ impl<'a> SegmentWriter<'a> {
     /// Completes the frames of every segment, in the order of steps and views: where a segment does not exist yet, or
     /// no longer exists, it shows nothing, and anything selected there in its place is wrong.
     fn complete(&mut self, stop: &AtomicBool) -> Result<(), PrepareError> {
-        let mut shots: Vec<&Shot> = self.shots.iter().collect();
+        let mut shots: Vec<&SegmentShot> = self.shots.iter().collect();
         shots.sort_by_key(|shot| shot.view.step);
         let mut all = Vec::with_capacity(self.ids.len());
         for &id in &self.ids {
@@ -194,14 +199,14 @@ impl<'a> SegmentWriter<'a> {
             if !shots.is_empty() {
                 self.make_folder(&name)?;
             }
-            let frame = |shot: &&Shot| {
+            let frame = |shot: &&SegmentShot| {
                 let path = file_path(&name, shot, "");
                 match known.and_then(|entry| entry.frames.iter().find(|f| f.file_path == path)) {
                     Some(frame) => Ok(frame.clone()),
                     None if stop.load(Ordering::Relaxed) => Err(PrepareError::Interrupted),
                     None => {
                         let [width, height] = [shot.view.camera.width, shot.view.camera.height].map(|n| n as usize);
-                        self.write_frame(&name, shot, &Picture::new(width, height))
+                        self.write_frame(&name, shot, &RaycastPicture::new(width, height))
                     }
                 }
             };
@@ -215,7 +220,7 @@ impl<'a> SegmentWriter<'a> {
     /// Writes the ids and the opacity of a step on a coarse grid.
     fn write_volume(&mut self, step: usize, caster: &RayCaster) -> Result<(), PrepareError> {
         let time = self.source.time(step);
-        let Cells { dims, spacing, origin, ids, opacity } = caster.cells(VOLUME_CELLS);
+        let SceneCells { dims, spacing, origin, ids, opacity } = caster.cells(VOLUME_CELLS);
         let folder = self.root.join("volumes");
         let error =
             |path: &Path, e: &dyn std::fmt::Display| PrepareError::Write { path: path.into(), reason: e.to_string() };
@@ -233,7 +238,7 @@ impl<'a> SegmentWriter<'a> {
             return Ok(Vec::new());
         }
         self.complete(stop)?;
-        if let Source::Files { labels: FileLabels::Files { names, .. }, .. } = self.source {
+        if let PrepareSource::Files { labels: FileLabels::Files { names, .. }, .. } = self.source {
             for (id, name) in names.iter().filter(|(id, _)| !self.ids.contains(id)) {
                 errln!("note: --label-names {id}={name}: no voxel of the steps that were read has this label");
             }

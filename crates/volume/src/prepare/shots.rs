@@ -1,6 +1,6 @@
 //! Which views of which steps show each segment alone, and which steps have a volume of ids. No images.
 
-use super::views::View;
+use super::views::PlannedView;
 use std::collections::BTreeSet;
 
 /// Number of steps at which the ground truth is rendered by default, and of volumes written if each view has its own
@@ -38,11 +38,11 @@ impl SegmentSteps {
 
 /// A view of a step in which every segment is shown.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Shot {
+pub(super) struct SegmentShot {
     /// Name of its image, without extension.
     pub name: String,
     /// Its camera and step.
-    pub view: View,
+    pub view: PlannedView,
 }
 
 /// `n` steps of a series of `steps`, evenly spread, each moved to a step that training sees if one is near.
@@ -60,20 +60,20 @@ fn even_steps(n: usize, steps: usize, trained: &BTreeSet<usize>) -> BTreeSet<usi
 
 /// `n` of the test views, evenly spaced, at the chosen steps of a series of `steps`.
 pub(super) fn shots(
-    test: &[View],
+    test: &[PlannedView],
     n: usize,
     chosen: &SegmentSteps,
     steps: usize,
     trained: &BTreeSet<usize>,
-) -> Vec<Shot> {
+) -> Vec<SegmentShot> {
     let common = chosen.common(steps, trained);
     let views = (0..n.min(test.len())).map(|k| if n == 1 { 0 } else { k * (test.len() - 1) / (n - 1) });
-    let of_view = |i: usize| -> Vec<Shot> {
+    let of_view = |i: usize| -> Vec<SegmentShot> {
         let view = &test[i];
-        let Some(common) = &common else { return vec![Shot { name: format!("r_{i}"), view: view.clone() }] };
-        let at = |step: &usize| Shot {
+        let Some(common) = &common else { return vec![SegmentShot { name: format!("r_{i}"), view: view.clone() }] };
+        let at = |step: &usize| SegmentShot {
             name: format!("r_{i}_step_{step}"),
-            view: View { camera: view.camera.clone(), step: *step },
+            view: PlannedView { camera: view.camera.clone(), step: *step },
         };
         common.iter().map(at).collect()
     };

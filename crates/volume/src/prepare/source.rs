@@ -2,12 +2,12 @@
 
 use crate::data::Calibration;
 use crate::data::calibration::PhysicalTime;
-use crate::data::lineage::{Change, LineageEvent};
+use crate::data::lineage::{LineageChange, LineageEvent};
 use crate::name::Name;
-use crate::volume::components::{PartChange, PartOptions, Parts, PartsError, part_name};
+use crate::volume::components::{PartChange, PartOptions, PartsError, SeriesParts, part_name};
 use crate::volume::error::VolumeError;
-use crate::volume::grid::{Grid, Labels, Volume};
-use crate::volume::placement::Placement;
+use crate::volume::grid::{Grid, Volume, VolumeLabels};
+use crate::volume::placement::VoxelPlacement;
 use crate::volume::series::Series;
 use crate::volume::synthetic::Synthetic;
 use crate::volume::transfer::TransferFunction;
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 
 /// A time series that is held one step at a time.
 #[derive(Debug)]
-pub enum Source {
+pub enum PrepareSource {
     /// Volume files.
     Files {
         /// The values.
@@ -47,16 +47,16 @@ pub enum FileLabels {
         names: Vec<(u16, Name)>,
     },
     /// The connected parts above a value.
-    Parts(Parts),
+    Parts(SeriesParts),
 }
 
 impl FileLabels {
     /// The connected parts of a series; reads every step of it once.
     ///
     /// # Errors
-    /// As for [`Parts::follow`].
+    /// As for [`SeriesParts::follow`].
     pub fn parts(series: &Series, options: PartOptions) -> Result<Self, PartsError> {
-        Parts::follow(series.grid(), series.len(), options, |step| series.load(step)).map(Self::Parts)
+        SeriesParts::follow(series.grid(), series.len(), options, |step| series.load(step)).map(Self::Parts)
     }
 
     fn files(&self) -> impl Iterator<Item = &PathBuf> {
@@ -73,7 +73,7 @@ impl FileLabels {
         }
     }
 
-    fn load(&self, step: usize, volume: &Volume) -> Result<Option<Labels>, VolumeError> {
+    fn load(&self, step: usize, volume: &Volume) -> Result<Option<VolumeLabels>, VolumeError> {
         match self {
             Self::None => Ok(None),
             Self::Files { series, .. } => series.load_labels(step).map(Some),
@@ -82,7 +82,7 @@ impl FileLabels {
     }
 }
 
-impl Source {
+impl PrepareSource {
     /// Number of steps.
     pub fn len(&self) -> usize {
         match self {
@@ -131,7 +131,7 @@ impl Source {
     }
 
     /// Physical space and time of the scene in which the volumes are placed; none of a synthetic scene.
-    pub fn calibration(&self, placement: &Placement) -> Calibration {
+    pub fn calibration(&self, placement: &VoxelPlacement) -> Calibration {
         let Self::Files { series, .. } = self else { return Calibration::default() };
         let unit = || series.time_unit().map(str::to_owned);
         let time = match series.time_values() {
@@ -177,7 +177,7 @@ impl Source {
     /// The ends and beginnings of connected parts, by time; empty for segments that are given.
     pub fn lineage(&self) -> Vec<LineageEvent> {
         let Self::Files { labels: FileLabels::Parts(parts), .. } = self else { return Vec::new() };
-        let change = |ends| if ends { Change::Ended } else { Change::Began };
+        let change = |ends| if ends { LineageChange::Ended } else { LineageChange::Began };
         let turn = |c: &PartChange| LineageEvent {
             time: self.time(c.step),
             segment: c.id,
@@ -204,7 +204,7 @@ impl Source {
     ///
     /// # Errors
     /// A file that cannot be read or used.
-    pub fn load(&self, step: usize) -> Result<(Volume, Option<Labels>), VolumeError> {
+    pub fn load(&self, step: usize) -> Result<(Volume, Option<VolumeLabels>), VolumeError> {
         match self {
             Self::Files { series, labels, .. } => {
                 let volume = series.load(step)?;

@@ -4,7 +4,7 @@ use super::error::nothing_visible;
 use super::*;
 use crate::data::dataset::{Dataset, OpenOptions};
 use crate::data::truth::SegmentFile;
-use crate::prepare::views::Times;
+use crate::prepare::views::TrainingTimes;
 use crate::volume::placement::published_side;
 use crate::volume::synthetic::Synthetic;
 
@@ -12,7 +12,7 @@ pub(super) fn options(size: u32) -> PrepareOptions {
     PrepareOptions {
         views: ViewOptions {
             size: [size; 2],
-            times: Times::Count(3),
+            times: TrainingTimes::Count(3),
             views_per_time: 4,
             test_views: 7,
             ..ViewOptions::default()
@@ -25,8 +25,8 @@ pub(super) fn options(size: u32) -> PrepareOptions {
     }
 }
 
-fn source(scene: Synthetic) -> (Source, TransferFunction) {
-    (Source::Synthetic { scene, dims: [48; 3], steps: 5 }, scene.transfer_function().unwrap())
+fn source(scene: Synthetic) -> (PrepareSource, TransferFunction) {
+    (PrepareSource::Synthetic { scene, dims: [48; 3], steps: 5 }, scene.transfer_function().unwrap())
 }
 
 fn make(out: &Path, options: &PrepareOptions) -> Result<PrepareRecord, PrepareError> {
@@ -102,10 +102,10 @@ fn a_stopped_or_wrong_run_leaves_nothing() {
     assert!(matches!(stopped, Err(PrepareError::Interrupted)));
     let mut wrong = Vec::new();
     for change in [
-        |o: &mut PrepareOptions| o.views.times = Times::Steps(vec![0, 5]),
-        |o: &mut PrepareOptions| o.views.times = Times::Steps(vec![1, 1]),
-        |o: &mut PrepareOptions| o.views.times = Times::Steps(vec![1, 0]),
-        |o: &mut PrepareOptions| o.views.times = Times::Count(0),
+        |o: &mut PrepareOptions| o.views.times = TrainingTimes::Steps(vec![0, 5]),
+        |o: &mut PrepareOptions| o.views.times = TrainingTimes::Steps(vec![1, 1]),
+        |o: &mut PrepareOptions| o.views.times = TrainingTimes::Steps(vec![1, 0]),
+        |o: &mut PrepareOptions| o.views.times = TrainingTimes::Count(0),
         |o: &mut PrepareOptions| o.views.views_per_time = 0,
         |o: &mut PrepareOptions| o.views.size = [0, 4],
         |o: &mut PrepareOptions| o.views.fov_x = f64::NAN,
@@ -196,7 +196,7 @@ fn the_folder_appears_whole_with_its_record_and_contact_sheet() {
 fn empty_images_are_refused_and_empty_times_recorded() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("data");
-    let source = Source::Synthetic { scene: Synthetic::Shells, dims: [16; 3], steps: 5 };
+    let source = PrepareSource::Synthetic { scene: Synthetic::Shells, dims: [16; 3], steps: 5 };
     let mut transfer = Synthetic::Shells.transfer_function().unwrap();
     let record = make(&out, &options(24)).unwrap();
     assert!(record.empty_times.is_empty());

@@ -90,10 +90,15 @@ fn by_default_ten_views_at_each_of_five_trained_steps() {
     let out = folder.path().join("data");
     let wanted = PrepareOptions {
         segments: SegmentOptions::default(),
-        views: ViewOptions { times: views::Times::Count(10), views_per_time: 1, test_views: 21, ..options(12).views },
+        views: ViewOptions {
+            times: views::TrainingTimes::Count(10),
+            views_per_time: 1,
+            test_views: 21,
+            ..options(12).views
+        },
         ..options(12)
     };
-    let source = Source::Synthetic { scene: Synthetic::Layers, dims: [24; 3], steps: 40 };
+    let source = PrepareSource::Synthetic { scene: Synthetic::Layers, dims: [24; 3], steps: 40 };
     let transfer = Synthetic::Layers.transfer_function().unwrap();
     prepare(&source, &transfer, &wanted, &out, &|_| {}, &AtomicBool::new(false)).unwrap();
     let truth = Truth::read(&out).unwrap();
@@ -121,11 +126,11 @@ fn labels_of_a_scene_hold_under_other_transfer_functions() {
     for scene in Synthetic::ALL {
         for name in ["ramp", "density", "fire"] {
             let out = folder.path().join(format!("{scene}-{name}"));
-            let source = Source::Synthetic { scene, dims: [48; 3], steps: 3 };
+            let source = PrepareSource::Synthetic { scene, dims: [48; 3], steps: 3 };
             let transfer = TransferFunction::load(name).unwrap();
             let few = PrepareOptions {
                 views: ViewOptions {
-                    times: views::Times::Steps(vec![1]),
+                    times: views::TrainingTimes::Steps(vec![1]),
                     views_per_time: 1,
                     test_views: 2,
                     ..options(48).views

@@ -13,7 +13,7 @@ pub struct ViewOptions {
     /// Distance of the cameras from the centre, scene units.
     pub radius: f64,
     /// Steps of the series that training sees.
-    pub times: Times,
+    pub times: TrainingTimes,
     /// Number of training views of each of these steps.
     pub views_per_time: usize,
     /// Test views along the spiral.
@@ -26,7 +26,7 @@ pub struct ViewOptions {
 
 /// Which steps training sees.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Times {
+pub enum TrainingTimes {
     /// This many, evenly spread, including the first and the last (at most all of them).
     Count(usize),
     /// The given steps, counted from 0.
@@ -39,7 +39,7 @@ impl Default for ViewOptions {
             size: [800, 800],
             fov_x: FOV_X,
             radius: RADIUS,
-            times: Times::Count(30),
+            times: TrainingTimes::Count(30),
             views_per_time: 20,
             test_views: 181,
             bias: None,
@@ -50,7 +50,7 @@ impl Default for ViewOptions {
 
 /// One image to be made.
 #[derive(Clone, Debug, PartialEq)]
-pub struct View {
+pub struct PlannedView {
     /// Its camera.
     pub camera: Camera,
     /// Its step of the series.
@@ -58,10 +58,10 @@ pub struct View {
 }
 
 /// The training views of a series of `steps` steps: a spherical Fibonacci set, assigned to the sampled steps.
-pub fn training_views(options: &ViewOptions, steps: usize) -> Vec<View> {
+pub fn training_views(options: &ViewOptions, steps: usize) -> Vec<PlannedView> {
     let sampled = match &options.times {
-        Times::Count(n) => time_indices((*n).min(steps), steps),
-        Times::Steps(list) => list.clone(),
+        TrainingTimes::Count(n) => time_indices((*n).min(steps), steps),
+        TrainingTimes::Steps(list) => list.clone(),
     };
     let n = sampled.len() * options.views_per_time;
     let lens = options.lens();
@@ -70,15 +70,15 @@ pub fn training_views(options: &ViewOptions, steps: usize) -> Vec<View> {
         None => training_cameras(n, options.radius, lens),
     };
     let deal = deal_times(sampled.len(), options.views_per_time, options.seed);
-    cameras.into_iter().zip(deal).map(|(camera, t)| View { camera, step: sampled[t] }).collect()
+    cameras.into_iter().zip(deal).map(|(camera, t)| PlannedView { camera, step: sampled[t] }).collect()
 }
 
 /// The test views: the spiral from pole to pole while time runs through all steps.
-pub fn test_views(options: &ViewOptions, steps: usize) -> Vec<View> {
+pub fn test_views(options: &ViewOptions, steps: usize) -> Vec<PlannedView> {
     let last = steps.saturating_sub(1) as f64;
     test_spiral(options.test_views, steps, options.radius, options.lens())
         .into_iter()
-        .map(|(camera, time)| View { camera, step: (time * last).round() as usize })
+        .map(|(camera, time)| PlannedView { camera, step: (time * last).round() as usize })
         .collect()
 }
 
@@ -111,7 +111,7 @@ mod tests {
         let train = training_views(&options, 3);
         assert_eq!(train.len(), 6);
         assert!(test_views(&options, 1).iter().all(|v| v.step == 0));
-        let chosen = ViewOptions { times: Times::Steps(vec![1]), ..options.clone() };
+        let chosen = ViewOptions { times: TrainingTimes::Steps(vec![1]), ..options.clone() };
         assert!(training_views(&chosen, 3).iter().all(|v| v.step == 1));
         let biased = ViewOptions { bias: Some((Axis::Y, 0.3)), ..options };
         for view in training_views(&biased, 3) {

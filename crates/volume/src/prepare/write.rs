@@ -1,7 +1,7 @@
 //! Writes the PNG files of a dataset in the making. Plain writes: the folder is published as a whole.
 
 use super::PrepareError;
-use crate::volume::raycast::Picture;
+use crate::volume::raycast::RaycastPicture;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, RgbImage};
 use std::fs::File;
@@ -18,7 +18,7 @@ fn encode(path: &Path, [width, height]: [u32; 2], kind: ExtendedColorType, bytes
 }
 
 /// Writes an image with straight alpha.
-pub(super) fn write_picture(path: &Path, picture: &Picture) -> Result<(), PrepareError> {
+pub(super) fn write_picture(path: &Path, picture: &RaycastPicture) -> Result<(), PrepareError> {
     let image = picture.to_rgba8();
     encode(path, [image.width(), image.height()], ExtendedColorType::Rgba8, image.as_raw())
 }

@@ -6,7 +6,7 @@
 //! are then recomputed from its values. Memory: one step's values and at most 10 bytes per voxel beside them.
 
 use super::error::VolumeError;
-use super::grid::{Grid, Labels, Volume};
+use super::grid::{Grid, Volume, VolumeLabels};
 use crate::points::union_find::UnionFind;
 use rayon::prelude::*;
 use std::cmp::Reverse;
@@ -84,7 +84,7 @@ pub struct PartChange {
 /// the one that contributes the most voxels to the whole keeps its id and the others end; where one splits, the piece
 /// with most of its voxels keeps the id and the others get new ones. An id that has ended is not reused.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Parts {
+pub struct SeriesParts {
     options: PartOptions,
     /// For each step, the ids of its parts from the largest to the smallest.
     ids: Vec<Vec<u16>>,
@@ -151,7 +151,7 @@ fn overlaps(before: &[u16], now: &[u32]) -> Vec<(usize, u16, u32)> {
     pairs
 }
 
-impl Parts {
+impl SeriesParts {
     /// Tracks the parts through `steps` steps of a grid; `load` returns the values of a step and is called once for
     /// each, in order.
     ///
@@ -233,11 +233,11 @@ impl Parts {
     }
 
     /// The labels of a tracked step, from its values; a step beyond the last has none.
-    pub fn labels(&self, step: usize, volume: &Volume) -> Labels {
+    pub fn labels(&self, step: usize, volume: &Volume) -> VolumeLabels {
         let ids = self.ids.get(step).map_or(&[][..], Vec::as_slice);
         let (numbers, _) = parts_of(&volume.values, volume.grid.dims, self.options);
         let id = |n: &u32| n.checked_sub(1).and_then(|n| ids.get(n as usize)).copied().unwrap_or(0);
-        Labels { grid: volume.grid, ids: numbers.par_iter().map(id).collect() }
+        VolumeLabels { grid: volume.grid, ids: numbers.par_iter().map(id).collect() }
     }
 }
 

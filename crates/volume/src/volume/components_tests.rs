@@ -21,7 +21,7 @@ const ANY: PartOptions = PartOptions { value: 0.5, smallest: 1 };
 fn followed(steps: &[&[&str]], options: PartOptions) -> Vec<String> {
     let volumes: Vec<Volume> = steps.iter().map(|rows| slice(rows)).collect();
     let mut asked = Vec::new();
-    let parts = Parts::follow(&volumes[0].grid, volumes.len(), options, |step| {
+    let parts = SeriesParts::follow(&volumes[0].grid, volumes.len(), options, |step| {
         asked.push(step);
         Ok(volumes[step].clone())
     })
@@ -54,7 +54,7 @@ fn faces_join_and_edges_do_not() {
 /// Step, id, `>` where it ends and `<` where it begins, and the other's id, 0 for none.
 fn changes(steps: &[&[&str]]) -> Vec<String> {
     let volumes: Vec<Volume> = steps.iter().map(|rows| slice(rows)).collect();
-    let parts = Parts::follow(&volumes[0].grid, volumes.len(), ANY, |step| Ok(volumes[step].clone())).unwrap();
+    let parts = SeriesParts::follow(&volumes[0].grid, volumes.len(), ANY, |step| Ok(volumes[step].clone())).unwrap();
     let sign = |c: &PartChange| if c.ends { '>' } else { '<' };
     parts.changes().iter().map(|c| format!("{}: {}{}{}", c.step, c.id, sign(c), c.other.unwrap_or(0))).collect()
 }
@@ -117,7 +117,7 @@ fn small_parts_and_non_finite_values_are_skipped() {
 fn an_empty_step_ends_all_parts_and_a_series_without_parts_is_an_error() {
     assert_eq!(followed(&[&["##"], &[".."], &["##"]], ANY), ["11", "..", "22"]);
     let volume = slice(&["#o."]);
-    let follow = |options| Parts::follow(&volume.grid, 2, options, |_| Ok(volume.clone()));
+    let follow = |options| SeriesParts::follow(&volume.grid, 2, options, |_| Ok(volume.clone()));
     let error = follow(PartOptions { value: 1.5, smallest: 1 }).unwrap_err().to_string();
     assert!(error.contains("1.5") && error.contains("largest value is 1"), "{error}");
     assert!(matches!(follow(PartOptions { value: f32::NAN, smallest: 1 }), Err(PartsError::None { .. })));
@@ -131,7 +131,7 @@ fn running_out_of_ids_is_an_error() {
     let grid = Grid::unit(dims);
     let dots = |i: usize| if i % 2 == (i / 512) % 2 { 1.0 } else { 0.0 };
     let load = |_| Ok(Volume { grid, values: (0..grid.len()).map(dots).collect() });
-    let error = Parts::follow(&grid, 1, ANY, load).unwrap_err();
+    let error = SeriesParts::follow(&grid, 1, ANY, load).unwrap_err();
     assert!(matches!(error, PartsError::TooMany { step: 0, .. }), "{error}");
 }
 

@@ -103,7 +103,7 @@ pub struct Volume {
 
 /// Which segment each voxel belongs to, at one time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Labels {
+pub struct VolumeLabels {
     /// Where the labels are.
     pub grid: Grid,
     /// Segment ids `[z, y, x]`, x fastest; 0 is no segment.

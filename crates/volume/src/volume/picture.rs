@@ -3,7 +3,7 @@
 
 mod bins;
 
-pub use bins::Bins;
+pub use bins::HistogramBins;
 
 use crate::draw::font::{GLYPH_HEIGHT, draw_text, text_width};
 use crate::draw::round_step;
@@ -25,7 +25,7 @@ const HISTOGRAM: [u8; 3] = [208, 211, 217];
 const THICKNESS: f32 = 10.0;
 
 /// The mapping of data values and opacities to the image.
-struct Frame {
+struct HistogramFrame {
     /// Data values at the left and right edge.
     low: f64,
     high: f64,
@@ -35,7 +35,7 @@ struct Frame {
     top: f32,
 }
 
-impl Frame {
+impl HistogramFrame {
     fn x_of_value(&self, value: f64) -> f32 {
         let part = (value / 2.0 - self.low / 2.0) / (self.high / 2.0 - self.low / 2.0);
         AREA[0] as f32 + part as f32 * (AREA[1] - AREA[0]) as f32
@@ -75,7 +75,7 @@ pub fn transfer_picture(
     let own = tf.span(span);
     let max_opacity = tf.opacity.iter().fold(0.0_f32, |m, p| m.max(p.1));
     let top = [0.05, 0.1, 0.2, 0.5, 1.0].into_iter().find(|t| max_opacity <= *t).unwrap_or(1.0);
-    let frame = Frame { low: data[0].min(own[0]), high: data[1].max(own[1]), span: own, top };
+    let frame = HistogramFrame { low: data[0].min(own[0]), high: data[1].max(own[1]), span: own, top };
     grid(&mut image, &frame);
     let range = if range[1] > range[0] { range } else { data };
     bars(&mut image, &frame, histogram, range);
@@ -95,7 +95,7 @@ pub fn transfer_picture(
     image
 }
 
-fn grid(image: &mut RgbImage, frame: &Frame) {
+fn grid(image: &mut RgbImage, frame: &HistogramFrame) {
     for i in 0..=4 {
         let opacity = frame.top * i as f32 / 4.0;
         let y = frame.y(opacity);
@@ -129,7 +129,7 @@ fn histogram_y(level: f32) -> f32 {
     AREA[3] as f32 - level * (AREA[3] - AREA[2]) as f32 * 0.94
 }
 
-fn bars(image: &mut RgbImage, frame: &Frame, histogram: &[u64], data: [f64; 2]) {
+fn bars(image: &mut RgbImage, frame: &HistogramFrame, histogram: &[u64], data: [f64; 2]) {
     for x in AREA[0]..AREA[1] {
         let y = histogram_y(level(histogram, data, frame.value(x)));
         for row in y.round() as u32..AREA[3] {
@@ -139,7 +139,7 @@ fn bars(image: &mut RgbImage, frame: &Frame, histogram: &[u64], data: [f64; 2]) 
 }
 
 /// The outline of the histogram, drawn above the filled area so that it stays visible.
-fn outline(image: &mut RgbImage, frame: &Frame, histogram: &[u64], data: [f64; 2]) {
+fn outline(image: &mut RgbImage, frame: &HistogramFrame, histogram: &[u64], data: [f64; 2]) {
     let ys: Vec<f32> = (AREA[0]..AREA[1]).map(|x| histogram_y(level(histogram, data, frame.value(x)))).collect();
     if histogram.iter().all(|n| *n == 0) {
         return;
@@ -151,7 +151,7 @@ fn outline(image: &mut RgbImage, frame: &Frame, histogram: &[u64], data: [f64; 2
 }
 
 /// The colours under the opacity curve, as thick material on a checkerboard.
-fn area(image: &mut RgbImage, frame: &Frame, tf: &TransferFunction) {
+fn area(image: &mut RgbImage, frame: &HistogramFrame, tf: &TransferFunction) {
     for x in AREA[0]..AREA[1] {
         let fraction = frame.fraction(x);
         let opacity = tf.opacity_at(fraction);
@@ -161,7 +161,7 @@ fn area(image: &mut RgbImage, frame: &Frame, tf: &TransferFunction) {
     }
 }
 
-fn color_bar(image: &mut RgbImage, frame: &Frame, tf: &TransferFunction) {
+fn color_bar(image: &mut RgbImage, frame: &HistogramFrame, tf: &TransferFunction) {
     for x in AREA[0]..AREA[1] {
         let fraction = frame.fraction(x);
         let solid = tf.color_at(fraction).map(byte);
@@ -189,7 +189,7 @@ fn material(tf: &TransferFunction, fraction: f64, x: u32, y: u32) -> [u8; 3] {
     tf.color_at(fraction).map(|c| byte(c * alpha + board * (1.0 - alpha)))
 }
 
-fn curve(image: &mut RgbImage, frame: &Frame, tf: &TransferFunction) {
+fn curve(image: &mut RgbImage, frame: &HistogramFrame, tf: &TransferFunction) {
     let point = |p: &(f64, f32)| [frame.x(p.0), frame.y(p.1)];
     let points: Vec<[f32; 2]> = tf.opacity.iter().map(point).collect();
     let (Some(first), Some(last)) = (points.first(), points.last()) else { return };
@@ -207,7 +207,7 @@ fn curve(image: &mut RgbImage, frame: &Frame, tf: &TransferFunction) {
 }
 
 /// Segments as brackets under the axis; labels that would touch move one line down.
-fn brackets(image: &mut RgbImage, frame: &Frame, tf: &TransferFunction) {
+fn brackets(image: &mut RgbImage, frame: &HistogramFrame, tf: &TransferFunction) {
     let mut order: Vec<_> = tf.segments.iter().collect();
     order.sort_by(|a, b| a.range[0].total_cmp(&b.range[0]));
     let mut ends = [0.0_f32; 3];

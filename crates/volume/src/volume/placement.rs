@@ -1,7 +1,7 @@
 //! The placement of a volume in the scene: centred at the origin, its longest side of one fixed length, in proportion.
 
 use super::grid::Grid;
-use super::source::Physical;
+use super::source::PhysicalMetadata;
 use crate::data::Aabb;
 use crate::data::calibration::PhysicalSpace;
 use crate::data::paths::RADIUS;
@@ -16,7 +16,7 @@ pub fn published_side() -> f64 {
 /// voxel coordinates `i`; the box is that between the outermost voxel centres, along the index axes of the grid, its
 /// middle at the scene's origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Placement {
+pub struct VoxelPlacement {
     /// Half the size of the box along its own axes, scene units.
     pub half: DVec3,
     /// Voxels per scene unit along each of these axes.
@@ -29,7 +29,7 @@ pub struct Placement {
     turn: Option<DMat3>,
 }
 
-impl Placement {
+impl VoxelPlacement {
     /// Centres the grid at the origin and scales its longest side to `side` scene units.
     pub fn new(grid: &Grid, side: f64) -> Self {
         let size = DVec3::from_array(grid.size());
@@ -91,13 +91,13 @@ impl Placement {
     }
 
     /// Physical space of the scene, given what the grid is in.
-    pub fn space(&self, physical: &Physical) -> PhysicalSpace {
+    pub fn space(&self, physical: &PhysicalMetadata) -> PhysicalSpace {
         let (centre, unit) = (self.centre.to_array(), physical.length_unit.clone());
         PhysicalSpace { centre, scale: self.scale, unit, axes: physical.axes }
     }
 
     /// Where a ray enters and leaves the box, as multiples of `direction`; none if it misses. Never before the eye. Both
-    /// vectors are along the axes of the box, see [`Placement::to_box`].
+    /// vectors are along the axes of the box, see [`VoxelPlacement::to_box`].
     pub fn clip(&self, eye: DVec3, direction: DVec3) -> Option<(f64, f64)> {
         let (mut near, mut far) = (0.0f64, f64::INFINITY);
         for a in 0..3 {
@@ -123,7 +123,7 @@ mod tests {
     #[test]
     fn proportions_are_kept() {
         let grid = Grid::aligned([5, 3, 2], [1.0, 1.0, 8.0], [7.0, 0.0, 0.0]);
-        let p = Placement::new(&grid, 2.0);
+        let p = VoxelPlacement::new(&grid, 2.0);
         assert!((p.half - DVec3::new(0.5, 0.25, 1.0)).length() < 1e-12);
         assert!((p.to_voxel(p.half) - DVec3::new(4.0, 2.0, 1.0)).length() < 1e-12);
         assert!(p.to_voxel(-p.half).length() < 1e-12);
@@ -132,7 +132,7 @@ mod tests {
 
     #[test]
     fn rays_are_clipped() {
-        let p = Placement::new(&Grid::unit([3, 3, 3]), 2.0);
+        let p = VoxelPlacement::new(&Grid::unit([3, 3, 3]), 2.0);
         assert_eq!(p.clip(DVec3::X * 3.0, -DVec3::X), Some((2.0, 4.0)));
         assert_eq!(p.clip(DVec3::ZERO, DVec3::Z), Some((0.0, 1.0)));
         assert_eq!(p.clip(DVec3::new(3.0, 1.5, 0.0), -DVec3::X), None);
@@ -149,8 +149,8 @@ mod tests {
         ] {
             let (directions, _) = Directions::of_steps(steps).unwrap();
             let grid = Grid { dims: [5, 9, 3], spacing: [2.0, 0.5, 4.0], origin: [1e3, -40.0, 7.0], directions };
-            let p = Placement::new(&grid, 1.5);
-            let space = p.space(&Physical { length_unit: Some("mm".into()), ..Physical::default() });
+            let p = VoxelPlacement::new(&grid, 1.5);
+            let space = p.space(&PhysicalMetadata { length_unit: Some("mm".into()), ..PhysicalMetadata::default() });
             let bounds = p.bounds();
             let mut reached = DVec3::ZERO;
             for index in [[0, 0, 0], [4, 0, 0], [0, 8, 0], [4, 8, 2], [1, 5, 2], [4, 0, 2], [0, 8, 2], [0, 0, 2]] {

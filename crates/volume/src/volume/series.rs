@@ -18,15 +18,15 @@ mod times;
 
 use crate::volume::error::VolumeError;
 use crate::volume::formats;
-use crate::volume::grid::{Grid, Labels, ScalarType, Volume};
-use crate::volume::source::{Header, Physical, Variable, VolumeFile};
-use notes::Notes;
+use crate::volume::grid::{Grid, ScalarType, Volume, VolumeLabels};
+use crate::volume::source::{PhysicalMetadata, VolumeFile, VolumeHeader, VolumeVariable};
+use notes::FileNotes;
 use place::compare;
 use rayon::prelude::*;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use times::Times;
+use times::SeriesTimes;
 
 /// Voxels scanned by one task.
 const CHUNK: usize = 1 << 16;
@@ -58,7 +58,7 @@ pub struct SeriesOptions {
 
 /// The values of a series, over all steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Scan {
+pub struct SeriesScan {
     /// The smallest and largest value that is finite in the files, in data units; `None` if there is none.
     pub range: Option<[f32; 2]>,
     /// Number of voxels that are NaN, infinite or too large for single precision in the files.
@@ -72,15 +72,15 @@ type Kept = (usize, Arc<dyn VolumeFile>);
 #[derive(Debug)]
 pub struct Series {
     files: Vec<PathBuf>,
-    header: Header,
-    times: Times,
+    header: VolumeHeader,
+    times: SeriesTimes,
     notes: Vec<String>,
     nan_as: Option<f32>,
     variable: Option<String>,
     /// Whether a file stores numbers of more digits than single precision has.
     wide: Option<ScalarType>,
     kept: Mutex<Option<Kept>>,
-    scan: OnceLock<Scan>,
+    scan: OnceLock<SeriesScan>,
 }
 
 impl Series {
@@ -102,7 +102,7 @@ impl Series {
         let mut header = first.header().clone();
         // the same array in all files, whichever each marks as active
         let variable = first.variable().map(str::to_owned);
-        let mut notes = Notes::default();
+        let mut notes = FileNotes::default();
         notes.add(&files[0], &header.notes);
         let mut mixed = false;
         let mut wide = Some(header.scalar).filter(|s| s.is_wide());
@@ -122,7 +122,7 @@ impl Series {
         }
         let steps = if files.len() == 1 { header.steps } else { files.len() };
         let dates = told.seconds.filter(|seconds| seconds.len() == steps);
-        let times = Times::new(&files[0], steps, options, dates, &header.physical, &mut notes)?;
+        let times = SeriesTimes::new(&files[0], steps, options, dates, &header.physical, &mut notes)?;
         times::replace("--length-unit", &mut header.physical.length_unit, &options.length_unit, &mut notes);
         let kept = Mutex::new(Some((0, first)));
         Ok(Self { files, header, times, notes, nan_as: options.nan_as, variable, wide, kept, scan: OnceLock::new() })
@@ -145,7 +145,7 @@ impl Series {
     }
 
     /// What the grid is in.
-    pub fn physical(&self) -> &Physical {
+    pub fn physical(&self) -> &PhysicalMetadata {
         &self.header.physical
     }
 
@@ -173,7 +173,7 @@ impl Series {
     ///
     /// # Errors
     /// The file has changed.
-    pub fn variables(&self) -> Result<Vec<Variable>, VolumeError> {
+    pub fn variables(&self) -> Result<Vec<VolumeVariable>, VolumeError> {
         Ok(self.opened(0)?.variables().to_vec())
     }
 
@@ -214,7 +214,7 @@ impl Series {
     ///
     /// # Errors
     /// No such step, a file that cannot be read, or a voxel that is not a whole number from 0 to 65535.
-    pub fn load_labels(&self, step: usize) -> Result<Labels, VolumeError> {
+    pub fn load_labels(&self, step: usize) -> Result<VolumeLabels, VolumeError> {
         let mut values = Vec::new();
         let path = self.read_as_stored(step, &mut values)?;
         let label = |v: f32| (0.0..=65535.0).contains(&v) && v.fract() == 0.0;
@@ -223,7 +223,7 @@ impl Series {
             let hint = "labels are whole numbers from 0 to 65535, 0 for no segment";
             return Err(VolumeError::invalid(path, self.voxel(at), problem, hint));
         }
-        Ok(Labels { grid: self.header.grid, ids: values.par_iter().map(|&v| v as u16).collect() })
+        Ok(VolumeLabels { grid: self.header.grid, ids: values.par_iter().map(|&v| v as u16).collect() })
     }
 
     /// The smallest and largest value over all steps, in data units, of the voxels that are finite in the files: what
@@ -244,7 +244,7 @@ impl Series {
     ///
     /// # Errors
     /// As for [`Series::load`].
-    pub fn scan(&self) -> Result<Scan, VolumeError> {
+    pub fn scan(&self) -> Result<SeriesScan, VolumeError> {
         if let Some(scan) = self.scan.get() {
             return Ok(*scan);
         }
@@ -264,7 +264,7 @@ impl Series {
         let (range, not_finite) = found;
         // -0 and 0 are equal; which of them is found must not depend on the order
         let range = (range[0] <= range[1]).then(|| range.map(|v| v + 0.0));
-        Ok(*self.scan.get_or_init(|| Scan { range, not_finite }))
+        Ok(*self.scan.get_or_init(|| SeriesScan { range, not_finite }))
     }
 
     /// Counts the voxels of a step in `bins` equal parts of `range` (data units, `range[1]` is in the last bin). Voxels

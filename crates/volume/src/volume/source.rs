@@ -11,7 +11,7 @@ pub const VOXELS: &str = "voxels";
 
 /// What a file says of the physical space and time that its grid and steps are in.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Physical {
+pub struct PhysicalMetadata {
     /// Unit of length as the file names it, such as `mm`, or [`VOXELS`]; `None` where it names none.
     pub length_unit: Option<String>,
     /// What the axes of space mean; `None` where the file does not say.
@@ -33,7 +33,7 @@ pub struct TimeAxis {
 
 /// The content of a volume file, known before its values are read.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Header {
+pub struct VolumeHeader {
     /// The grid of each step.
     pub grid: Grid,
     /// How values are stored.
@@ -41,14 +41,14 @@ pub struct Header {
     /// Number of time steps in the file, at least 1 (a 4D file has more).
     pub steps: usize,
     /// What the grid's positions and the steps are in.
-    pub physical: Physical,
+    pub physical: PhysicalMetadata,
     /// What the user should know: "unknown field ignored", ...
     pub notes: Vec<String>,
 }
 
 /// An array of a file that may hold several.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Variable {
+pub struct VolumeVariable {
     /// Its name.
     pub name: String,
     /// Number of values for each voxel: 1 for a scalar field, 3 for vectors.
@@ -58,7 +58,7 @@ pub struct Variable {
 /// An open volume file.
 pub trait VolumeFile: Send + Sync + std::fmt::Debug {
     /// Its header.
-    fn header(&self) -> &Header;
+    fn header(&self) -> &VolumeHeader;
 
     /// Name of the array that is read; `None` for formats whose files hold one field.
     fn variable(&self) -> Option<&str> {
@@ -66,7 +66,7 @@ pub trait VolumeFile: Send + Sync + std::fmt::Debug {
     }
 
     /// All arrays of the file, in its order; none for formats whose files hold one field.
-    fn variables(&self) -> &[Variable] {
+    fn variables(&self) -> &[VolumeVariable] {
         &[]
     }
 

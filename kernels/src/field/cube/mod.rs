@@ -12,7 +12,7 @@ use crate::cube::prelude::*;
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, launched, path, rows};
 use burn::tensor::DType;
 use burn_cubecl::ops::numeric::zeros_client;
-use sample::{Pair, Quad, is_somewhere, read};
+use sample::{CubeLineNodes, CubePlaneNodes, is_somewhere, read};
 
 /// Points that a unit of the backward pass visits in turn.
 const VISITS: u32 = 16;
@@ -79,7 +79,7 @@ fn forward(
 
 /// Adds `value` times the bilinear weights to the four nodes.
 #[cube]
-fn scatter<A: AddF32>(out: &mut [Atomic<A::Storage>], nodes: &Quad, fast: f32, slow: f32, value: f32) {
+fn scatter<A: AddF32>(out: &mut [Atomic<A::Storage>], nodes: &CubePlaneNodes, fast: f32, slow: f32, value: f32) {
     A::add(&out[nodes.at00], value * (1.0f32 - slow) * (1.0f32 - fast));
     A::add(&out[nodes.at01], value * (1.0f32 - slow) * fast);
     A::add(&out[nodes.at10], value * slow * (1.0f32 - fast));
@@ -88,7 +88,7 @@ fn scatter<A: AddF32>(out: &mut [Atomic<A::Storage>], nodes: &Quad, fast: f32, s
 
 /// Adds `value` times the linear weights to the two nodes.
 #[cube]
-fn spread<A: AddF32>(out: &mut [Atomic<A::Storage>], nodes: &Pair, frac: f32, value: f32) {
+fn spread<A: AddF32>(out: &mut [Atomic<A::Storage>], nodes: &CubeLineNodes, frac: f32, value: f32) {
     A::add(&out[nodes.lo], value * (1.0f32 - frac));
     A::add(&out[nodes.hi], value * frac);
 }

@@ -3,7 +3,7 @@
 use crate::cube::prelude::*;
 
 #[derive(CubeType)]
-pub(super) struct Tap {
+pub(super) struct CubeTap {
     pub lo: usize,
     pub hi: usize,
     pub frac: f32,
@@ -12,7 +12,7 @@ pub(super) struct Tap {
 }
 
 #[cube]
-fn tap(coordinate: f32, n: u32) -> Tap {
+fn tap(coordinate: f32, n: u32) -> CubeTap {
     let last = f32::cast_from(n - 1u32);
     let raw = (coordinate * 0.5f32 + 0.5f32) * last;
     let grid = clamp(raw, 0.0f32, last);
@@ -21,7 +21,7 @@ fn tap(coordinate: f32, n: u32) -> Tap {
         lo = min(u32::cast_from(grid), n - 2u32);
     }
     let inside = raw > 0.0f32 && raw < last;
-    Tap {
+    CubeTap {
         lo: lo as usize,
         hi: min(lo + 1u32, n - 1u32) as usize,
         frac: grid - f32::cast_from(lo),
@@ -42,7 +42,7 @@ pub(super) fn is_somewhere(points: &[f32], i: usize) -> bool {
 
 /// Four nodes of a plane: their indices, the value, and the slopes along the fast and the slow grid coordinate.
 #[derive(CubeType)]
-pub(super) struct Quad {
+pub(super) struct CubePlaneNodes {
     pub at00: usize,
     pub at01: usize,
     pub at10: usize,
@@ -53,7 +53,7 @@ pub(super) struct Quad {
 }
 
 #[cube]
-fn quad(planes: &[f32], base: usize, width: usize, fast: &Tap, slow: &Tap, channels: usize) -> Quad {
+fn quad(planes: &[f32], base: usize, width: usize, fast: &CubeTap, slow: &CubeTap, channels: usize) -> CubePlaneNodes {
     let at00 = base + (slow.lo * width + fast.lo) * channels;
     let at01 = base + (slow.lo * width + fast.hi) * channels;
     let at10 = base + (slow.hi * width + fast.lo) * channels;
@@ -64,7 +64,7 @@ fn quad(planes: &[f32], base: usize, width: usize, fast: &Tap, slow: &Tap, chann
     let far = planes[at11] - c;
     let first = near * fast.frac + a;
     let by_slow = far * fast.frac + c - first;
-    Quad {
+    CubePlaneNodes {
         at00,
         at01,
         at10,
@@ -77,7 +77,7 @@ fn quad(planes: &[f32], base: usize, width: usize, fast: &Tap, slow: &Tap, chann
 
 /// Two nodes of a line: their indices, the value, and the slope along the grid coordinate.
 #[derive(CubeType)]
-pub(super) struct Pair {
+pub(super) struct CubeLineNodes {
     pub lo: usize,
     pub hi: usize,
     pub value: f32,
@@ -85,30 +85,30 @@ pub(super) struct Pair {
 }
 
 #[cube]
-fn pair(lines: &[f32], base: usize, tap: &Tap, channels: usize) -> Pair {
+fn pair(lines: &[f32], base: usize, tap: &CubeTap, channels: usize) -> CubeLineNodes {
     let lo = base + tap.lo * channels;
     let hi = base + tap.hi * channels;
     let first = lines[lo];
     let slope = lines[hi] - first;
-    Pair { lo, hi, value: slope * tap.frac + first, slope }
+    CubeLineNodes { lo, hi, value: slope * tap.frac + first, slope }
 }
 
 /// Everything read for one feature of a point.
 #[derive(CubeType)]
-pub(super) struct Sample {
-    pub tx: Tap,
-    pub ty: Tap,
-    pub tz: Tap,
-    pub xy: Quad,
-    pub xz: Quad,
-    pub yz: Quad,
-    pub x: Pair,
-    pub y: Pair,
-    pub z: Pair,
+pub(super) struct CubeFieldSample {
+    pub tx: CubeTap,
+    pub ty: CubeTap,
+    pub tz: CubeTap,
+    pub xy: CubePlaneNodes,
+    pub xz: CubePlaneNodes,
+    pub yz: CubePlaneNodes,
+    pub x: CubeLineNodes,
+    pub y: CubeLineNodes,
+    pub z: CubeLineNodes,
 }
 
 #[cube]
-impl Sample {
+impl CubeFieldSample {
     /// Returns the feature before multiplication by its time factor.
     pub fn sum(&self) -> f32 {
         self.xy.value * self.z.value + (self.xz.value * self.y.value + self.yz.value * self.x.value)
@@ -125,7 +125,7 @@ pub(super) fn read(
     i: usize,
     f: usize,
     channels: usize,
-) -> Sample {
+) -> CubeFieldSample {
     let r = f % channels;
     let at = f / channels * 9;
     let (nx, ny, nz) = (levels[at], levels[at + 1], levels[at + 2]);
@@ -138,5 +138,5 @@ pub(super) fn read(
     let x = pair(lines, levels[at + 6] as usize + r, &tx, channels);
     let y = pair(lines, levels[at + 7] as usize + r, &ty, channels);
     let z = pair(lines, levels[at + 8] as usize + r, &tz, channels);
-    Sample { tx, ty, tz, xy, xz, yz, x, y, z }
+    CubeFieldSample { tx, ty, tz, xy, xz, yz, x, y, z }
 }

@@ -5,7 +5,7 @@
 use super::{Contributors, ContributorsError};
 use crate::splat::SplatSettings;
 use crate::splat::cpu::TILE;
-use crate::splat::cpu::bin::{Bins, Drawn, Order};
+use crate::splat::cpu::bin::{DepthOrder, DrawnGaussian, TileBins};
 use crate::splat::cpu::blend::{TileArea, blend_rows};
 use crate::splat::cpu::lanes::any;
 use crate::splat::cpu::rule::Rule;
@@ -21,7 +21,7 @@ const COPY_ROWS: usize = 1024;
 /// # Errors
 /// As [`contributors`].
 pub(crate) fn of_pixels(
-    order: &Order,
+    order: &DepthOrder,
     settings: &SplatSettings,
     pixels: &[u32],
 ) -> Result<Contributors, ContributorsError> {
@@ -41,8 +41,8 @@ pub(crate) fn of_pixels(
 /// [`ContributorsError::PixelOutOfImage`] for the first pixel outside the image; [`ContributorsError::TooMany`] if the
 /// contributions exceed what 32 bits can count.
 pub(crate) fn contributors(
-    order: &Order,
-    bins: &Bins,
+    order: &DepthOrder,
+    bins: &TileBins,
     settings: &SplatSettings,
     pixels: &[u32],
 ) -> Result<Contributors, ContributorsError> {
@@ -55,13 +55,13 @@ pub(crate) fn contributors(
         .into_par_iter()
         .map(|t| {
             let area = TileArea::new(t, bins.tiles_x, width, height);
-            let mut slots: Vec<Slot> = groups
+            let mut slots: Vec<PixelSlot> = groups
                 .tile(t)
                 .iter()
                 .map(|&list| {
                     let pixel = pixels[list as usize] as usize;
                     let (row, column) = (pixel / width - area.y0, pixel % width - area.x0);
-                    Slot { place: (row * TILE + column) as u32, list }
+                    PixelSlot { place: (row * TILE + column) as u32, list }
                 })
                 .collect();
             slots.sort_unstable_by_key(|s| (s.place, s.list));
@@ -74,7 +74,7 @@ pub(crate) fn contributors(
 
 /// A requested pixel of a tile.
 #[derive(Clone, Copy)]
-struct Slot {
+struct PixelSlot {
     /// `row * TILE + column` within the tile.
     place: u32,
     /// Its position in the list of pixels.
@@ -83,7 +83,7 @@ struct Slot {
 
 /// A contribution, in the order it was found.
 #[derive(Clone, Copy)]
-struct Event {
+struct Contribution {
     slot: u32,
     index: u32,
     weight: f32,
@@ -123,7 +123,7 @@ impl Groups {
 
 /// The lists of the pixels of one tile, in the order of its slots.
 struct TileLists {
-    slots: Vec<Slot>,
+    slots: Vec<PixelSlot>,
     /// `[slots + 1]`
     offsets: Vec<usize>,
     indices: Vec<u32>,
@@ -132,7 +132,7 @@ struct TileLists {
 
 impl TileLists {
     /// Sorts the events by slot; within a slot they keep their order.
-    fn new(slots: Vec<Slot>, events: &[Event]) -> Self {
+    fn new(slots: Vec<PixelSlot>, events: &[Contribution]) -> Self {
         let mut offsets = vec![0usize; slots.len() + 1];
         for e in events {
             offsets[e.slot as usize + 1] += 1;
@@ -195,18 +195,18 @@ fn assemble(pixels: usize, lists: &[TileLists]) -> Result<Contributors, Contribu
 
 /// Walks a tile's Gaussians once, for all its slots; the slots are sorted by place.
 struct Walk<'a> {
-    order: &'a Order,
-    entries: &'a [Drawn],
+    order: &'a DepthOrder,
+    entries: &'a [DrawnGaussian],
     area: TileArea,
-    slots: &'a [Slot],
+    slots: &'a [PixelSlot],
 }
 
 impl WithSimd for Walk<'_> {
-    type Output = Vec<Event>;
+    type Output = Vec<Contribution>;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Vec<Event> {
-        let Self { order: Order { splats, indices, .. }, entries, area, slots } = self;
+    fn with_simd<S: Simd>(self, simd: S) -> Vec<Contribution> {
+        let Self { order: DepthOrder { splats, indices, .. }, entries, area, slots } = self;
         let mut events = Vec::new();
         let lanes = S::F32_LANES;
         let vectors = slots.len().div_ceil(lanes);
@@ -233,7 +233,7 @@ impl WithSimd for Walk<'_> {
         let mut live = vectors;
         let rule = Rule::new(simd);
 
-        for &Drawn { rank, rows: touched_rows } in entries {
+        for &DrawnGaussian { rank, rows: touched_rows } in entries {
             let s = &splats[rank as usize];
             let (first, last) = (touched_rows.trailing_zeros() as usize, touched_rows.ilog2() as usize);
             if row_starts[first] == row_starts[last + 1] {
@@ -267,7 +267,7 @@ impl WithSimd for Walk<'_> {
                     // a blended weight is at least 1e-4 / 255
                     if weight > 0.0 {
                         let index = indices[rank as usize];
-                        events.push(Event { slot: (v * lanes + lane) as u32, index, weight });
+                        events.push(Contribution { slot: (v * lanes + lane) as u32, index, weight });
                     }
                 }
                 let t = simd.select_f32s(touched, simd.select_f32s(effect.blended, effect.after, zero), t);

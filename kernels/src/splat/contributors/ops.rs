@@ -4,7 +4,7 @@
 use super::cpu;
 use super::{Contributors, ContributorsError};
 use crate::backend::CpuBackend;
-use crate::splat::cpu::{Values, bin::Order, project};
+use crate::splat::cpu::{Values, bin::DepthOrder, project};
 use crate::splat::{SplatSettings, SplatTensors};
 use burn::backend::tensor::IntTensor;
 use burn::backend::{Backend, ExtensionType, TensorMetadata, backend_extension};
@@ -34,7 +34,7 @@ impl<B: CpuBackend> ContributorsOps for B {
         let values = Values::of::<B>(&inputs);
         let (attributes, offsets) = values.borrow();
         let splats = project::project(attributes, offsets, &settings);
-        let order = Order::new(&splats, &settings.camera);
+        let order = DepthOrder::new(&splats, &settings.camera);
         let lists = cpu::of_pixels(&order, &settings, &pixels);
         let radii: Vec<i32> = splats.iter().map(|s| s.radius).collect();
         let n = radii.len();

@@ -1,6 +1,6 @@
 //! Contributors by plain f64 loops: no tiles, no vectors, no threads. The oracle of the tests.
 
-use crate::splat::reference::{Projected, Scene, drawn};
+use crate::splat::reference::{Projected, ReferenceScene, drawn};
 use crate::splat::{ALPHA_MAX, ALPHA_MIN, SplatSettings, TRANSMITTANCE_MIN};
 
 /// The oracle's result for a pixel.
@@ -16,7 +16,7 @@ pub struct ReferencePixel {
 }
 
 /// Returns the contributors of each pixel `y * width + x`, in the order of `pixels`.
-pub fn contributors(scene: &Scene, settings: &SplatSettings, pixels: &[u32]) -> Vec<ReferencePixel> {
+pub fn contributors(scene: &ReferenceScene, settings: &SplatSettings, pixels: &[u32]) -> Vec<ReferencePixel> {
     let drawn = drawn(scene, settings);
     let width = settings.camera.width as u32;
     pixels.iter().map(|&p| pixel(&drawn, f64::from(p % width) + 0.5, f64::from(p / width) + 0.5)).collect()

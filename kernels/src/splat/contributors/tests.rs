@@ -1,9 +1,9 @@
 //! The lists against the f64 oracle, against the rendered image, and for every thread count.
 
 use super::{Contributors, ContributorsError, cpu, reference};
-use crate::Camera;
+use crate::PinholeCamera;
 use crate::splat::cpu::{Attributes, bin, blend, covariance::Covariances, project};
-use crate::splat::reference::Scene;
+use crate::splat::reference::ReferenceScene;
 use crate::splat::{Rendering, SplatSettings};
 use proptest::prelude::*;
 
@@ -38,7 +38,7 @@ impl Fixture {
         let mut r = Random(seed);
         let focal = 1.2 * width.max(height) as f32;
         let (sin, cos) = r.range(-0.3, 0.3).sin_cos();
-        let camera = Camera {
+        let camera = PinholeCamera {
             width,
             height,
             fx: focal,
@@ -59,7 +59,7 @@ impl Fixture {
         }
     }
 
-    fn stages(&self) -> (bin::Order, Vec<f32>, bin::Bins) {
+    fn stages(&self) -> (bin::DepthOrder, Vec<f32>, bin::TileBins) {
         let attributes = Attributes {
             means: &self.means,
             covariances: Covariances::Factored { rotations: &self.rotations, log_scales: &self.log_scales },
@@ -68,7 +68,7 @@ impl Fixture {
             sh_stride: 1,
         };
         let splats = project::project(attributes, &vec![0.0; 2 * self.opacity_logits.len()], &self.settings);
-        let order = bin::Order::new(&splats, &self.settings.camera);
+        let order = bin::DepthOrder::new(&splats, &self.settings.camera);
         let (image, bins) = blend::blend(&order, &self.settings);
         (order, image, bins)
     }
@@ -78,9 +78,9 @@ impl Fixture {
         cpu::of_pixels(&order, &self.settings, pixels)
     }
 
-    fn scene(&self) -> Scene {
+    fn scene(&self) -> ReferenceScene {
         let wide = |v: &[f32]| v.iter().map(|&x| f64::from(x)).collect::<Vec<f64>>();
-        Scene {
+        ReferenceScene {
             means: wide(&self.means),
             rotations: wide(&self.rotations),
             log_scales: wide(&self.log_scales),

@@ -8,7 +8,7 @@ use super::TILE;
 use super::lanes::wide;
 use super::project::Splat2d;
 use super::reach::{Reach, tile_box};
-use crate::Camera;
+use crate::PinholeCamera;
 use crate::backend::filled;
 use rayon::prelude::*;
 
@@ -16,14 +16,14 @@ use rayon::prelude::*;
 pub(crate) const GATHER: usize = 32;
 
 /// The Gaussians that were drawn, by tile: one CSR block per row of tiles.
-pub(crate) struct Bins {
+pub(crate) struct TileBins {
     pub tiles_x: usize,
-    pub rows: Vec<TileRow<Drawn>>,
+    pub rows: Vec<TileRow<DrawnGaussian>>,
 }
 
 /// A Gaussian that a tile was drawn with.
 #[derive(Clone, Copy)]
-pub(crate) struct Drawn {
+pub(crate) struct DrawnGaussian {
     pub rank: u32,
     /// Bit mask of the tile's rows in which it touched a pixel: at least one.
     pub rows: u32,
@@ -38,13 +38,13 @@ pub(crate) struct TileRow<T> {
     pub entries: Vec<T>,
 }
 
-impl Bins {
+impl TileBins {
     pub(crate) fn tile_count(&self) -> usize {
         self.rows.len() * self.tiles_x
     }
 
     /// Returns the Gaussians of tile `t` (row-major), nearest first.
-    pub(crate) fn tile(&self, t: usize) -> &[Drawn] {
+    pub(crate) fn tile(&self, t: usize) -> &[DrawnGaussian] {
         let row = &self.rows[t / self.tiles_x];
         let x = t % self.tiles_x;
         &row.entries[row.offsets[x] as usize..row.offsets[x + 1] as usize]
@@ -53,7 +53,7 @@ impl Bins {
 
 /// The drawn Gaussians, copied into depth order: later stages read them consecutively, a slab at a time, instead of
 /// from scattered memory.
-pub(crate) struct Order {
+pub(crate) struct DepthOrder {
     /// Nearest first; a position here is a *rank*.
     pub splats: Vec<Splat2d>,
     /// The index of the Gaussian at each rank.
@@ -64,8 +64,8 @@ pub(crate) struct Order {
     columns: Vec<[u16; 2]>,
 }
 
-impl Order {
-    pub(crate) fn new(splats: &[Splat2d], camera: &Camera) -> Self {
+impl DepthOrder {
+    pub(crate) fn new(splats: &[Splat2d], camera: &PinholeCamera) -> Self {
         let tiles = [camera.width.div_ceil(TILE), camera.height.div_ceil(TILE)];
         let indices = depth_order(splats);
         let mut sorted = filled(Splat2d::default(), indices.len());

@@ -1,7 +1,7 @@
 //! Front-to-back blending: one task per row of tiles, a row of pixels in SIMD lanes.
 
 use super::TILE;
-use super::bin::{Bins, Drawn, GATHER, Order, RowLists, TileRow};
+use super::bin::{DepthOrder, DrawnGaussian, GATHER, RowLists, TileBins, TileRow};
 use super::lanes::{any, bits, wide};
 use super::project::Splat2d;
 use super::rows::{CENTRES, RowTerms};
@@ -66,16 +66,16 @@ struct TileState {
 /// Renders `[H, W, 4]`; also returns the Gaussians that each tile was drawn with, and the rows that they touched.
 ///
 /// One task per row of tiles lists and draws slab by slab of depth until its tiles are finished.
-pub(crate) fn blend(order: &Order, settings: &SplatSettings) -> (Vec<f32>, Bins) {
+pub(crate) fn blend(order: &DepthOrder, settings: &SplatSettings) -> (Vec<f32>, TileBins) {
     blend_rows(order, settings, |_| true)
 }
 
 /// As [`blend`], but only for the rows of tiles that are `wanted`; the others stay empty.
 pub(crate) fn blend_rows(
-    order: &Order,
+    order: &DepthOrder,
     settings: &SplatSettings,
     wanted: impl Fn(usize) -> bool + Sync,
-) -> (Vec<f32>, Bins) {
+) -> (Vec<f32>, TileBins) {
     let (width, height) = (settings.camera.width, settings.camera.height);
     let tiles_x = width.div_ceil(TILE);
     let mut image = zeros(width * height * 4);
@@ -87,14 +87,20 @@ pub(crate) fn blend_rows(
             false => TileRow { offsets: vec![0; tiles_x + 1], entries: Vec::new() },
         })
         .collect();
-    (image, Bins { tiles_x, rows })
+    (image, TileBins { tiles_x, rows })
 }
 
-fn blend_row(order: &Order, settings: &SplatSettings, row: usize, tiles_x: usize, strip: &mut [f32]) -> TileRow<Drawn> {
+fn blend_row(
+    order: &DepthOrder,
+    settings: &SplatSettings,
+    row: usize,
+    tiles_x: usize,
+    strip: &mut [f32],
+) -> TileRow<DrawnGaussian> {
     let (width, height) = (settings.camera.width, settings.camera.height);
     let arch = crate::arch();
     let mut states: Vec<Option<Box<TileState>>> = (0..tiles_x).map(|_| None).collect();
-    let mut used: Vec<Vec<Drawn>> = vec![Vec::new(); tiles_x];
+    let mut used: Vec<Vec<DrawnGaussian>> = vec![Vec::new(); tiles_x];
     let mut takes = vec![true; tiles_x];
     let mut lists = RowLists::default();
     for slab in order.slabs() {
@@ -177,7 +183,7 @@ struct BlendTile<'a> {
     area: TileArea,
     state: &'a mut TileState,
     /// Where those are added that touched a pixel.
-    used: &'a mut Vec<Drawn>,
+    used: &'a mut Vec<DrawnGaussian>,
 }
 
 impl WithSimd for BlendTile<'_> {
@@ -240,7 +246,7 @@ impl WithSimd for BlendTile<'_> {
                 }
                 live &= !finished;
                 if hit != 0 {
-                    used.push(Drawn { rank, rows: hit });
+                    used.push(DrawnGaussian { rank, rows: hit });
                 }
                 live != 0
             },

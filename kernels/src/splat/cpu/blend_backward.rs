@@ -5,13 +5,13 @@
 //! `dL/dalpha = T (V . c) - S / (1 - alpha)`. Sums over a tile are kept in lanes and reduced once per tile and
 //! Gaussian; per-Gaussian sums are then merged in the order of the tiles.
 
-use super::bin::Drawn;
+use super::bin::DrawnGaussian;
 use super::blend::{Plane, TileArea, each};
 use super::lanes::any;
 use super::project::Splat2d;
 use super::rows::{CENTRES, RowTerms};
 use super::rule::Rule;
-use super::{Saved, TILE};
+use super::{ForwardState, TILE};
 use crate::backend::filled;
 use crate::splat::{ALPHA_MAX, SplatSettings};
 use pulp::{Simd, WithSimd};
@@ -21,7 +21,11 @@ use rayon::prelude::*;
 pub(super) type ScreenGradient = [f32; 9];
 
 /// Returns the gradients on screen, by rank.
-pub(super) fn blend_backward(saved: &Saved, grad_image: &[f32], settings: &SplatSettings) -> Vec<ScreenGradient> {
+pub(super) fn blend_backward(
+    saved: &ForwardState,
+    grad_image: &[f32],
+    settings: &SplatSettings,
+) -> Vec<ScreenGradient> {
     let (width, height) = (settings.camera.width, settings.camera.height);
     let tiles_x = saved.bins.tiles_x;
     let arch = crate::arch();
@@ -44,7 +48,7 @@ pub(super) fn blend_backward(saved: &Saved, grad_image: &[f32], settings: &Splat
 
 /// Adds the tiles' sums per Gaussian. Each task owns a range of Gaussians and walks all tiles in order,
 /// so the order of additions does not depend on the number of tasks.
-fn merge(saved: &Saved, partial: &[Vec<ScreenGradient>]) -> Vec<ScreenGradient> {
+fn merge(saved: &ForwardState, partial: &[Vec<ScreenGradient>]) -> Vec<ScreenGradient> {
     let n = saved.order.splats.len();
     let mut sums = filled([0.0; 9], n);
     let range = n.div_ceil(rayon::current_num_threads()).max(1);
@@ -93,7 +97,7 @@ impl PixelGradients {
 
 struct BlendBackwardTile<'a> {
     splats: &'a [Splat2d],
-    entries: &'a [Drawn],
+    entries: &'a [DrawnGaussian],
     area: TileArea,
     pixels: &'a mut PixelGradients,
     sums: &'a mut [ScreenGradient],

@@ -63,12 +63,12 @@ impl Covariances<&mut [f32]> {
 
 /// One Gaussian's covariance, with the parts of its projection that the backward pass needs again.
 pub(crate) enum Covariance {
-    Factored(Factored),
+    Factored(FactoredCovariance),
     Entries(Entries),
 }
 
 /// A covariance on screen, without the dilation.
-pub(crate) struct OnScreen {
+pub(crate) struct ScreenCovariance {
     /// Its entries xx, xy, yy, pixels squared.
     pub entries: [f32; 3],
     /// Its determinant; NaN if the covariance is invalid, so that the Gaussian is culled.
@@ -78,10 +78,10 @@ pub(crate) struct OnScreen {
 impl Covariance {
     /// Returns covariance `i` and its projection by `jw`, which is `J W` `[2, 3]`.
     #[inline(always)]
-    pub(crate) fn project(all: Covariances<&[f32]>, i: usize, jw: &[[f32; 3]; 2]) -> (Self, OnScreen) {
+    pub(crate) fn project(all: Covariances<&[f32]>, i: usize, jw: &[[f32; 3]; 2]) -> (Self, ScreenCovariance) {
         match all {
             Covariances::Factored { rotations, log_scales } => {
-                let one = Factored::new(row(rotations, i), row(log_scales, i), jw);
+                let one = FactoredCovariance::new(row(rotations, i), row(log_scales, i), jw);
                 let on_screen = one.on_screen();
                 (Self::Factored(one), on_screen)
             }
@@ -105,7 +105,7 @@ impl Covariance {
 }
 
 /// A covariance `R S S^T R^T`.
-pub(crate) struct Factored {
+pub(crate) struct FactoredCovariance {
     /// The rotation matrix.
     rotation: [[f32; 3]; 3],
     /// Normalised quaternion and the inverse of its norm (0 for a zero quaternion).
@@ -116,7 +116,7 @@ pub(crate) struct Factored {
     root: [[f32; 3]; 2],
 }
 
-impl Factored {
+impl FactoredCovariance {
     #[inline(always)]
     fn new(quaternion: [f32; 4], log_scales: [f32; 3], jw: &[[f32; 3]; 2]) -> Self {
         let norm2: f32 = quaternion.iter().map(|q| q * q).sum();
@@ -139,11 +139,11 @@ impl Factored {
     }
 
     #[inline(always)]
-    fn on_screen(&self) -> OnScreen {
+    fn on_screen(&self) -> ScreenCovariance {
         let [r0, r1]: [[f32; 3]; 2] = self.root;
         // |r0 x r1|^2 is the determinant, free of cancellation (Lagrange's identity)
         let cross = cross(r0, r1);
-        OnScreen { entries: [dot(r0, r0), dot(r0, r1), dot(r1, r1)], determinant: dot(cross, cross) }
+        ScreenCovariance { entries: [dot(r0, r0), dot(r0, r1), dot(r1, r1)], determinant: dot(cross, cross) }
     }
 
     #[inline(always)]
@@ -202,7 +202,7 @@ fn rotation_matrix([w, x, y, z]: [f32; 4]) -> [[f32; 3]; 3] {
 pub(crate) struct Entries {
     /// `J W Sigma`, `[2, 3]`.
     product: [[f32; 3]; 2],
-    /// As [`OnScreen::determinant`].
+    /// As [`ScreenCovariance::determinant`].
     determinant: f32,
 }
 
@@ -215,9 +215,9 @@ impl Entries {
     }
 
     #[inline(always)]
-    fn on_screen(&self, jw: &[[f32; 3]; 2]) -> OnScreen {
+    fn on_screen(&self, jw: &[[f32; 3]; 2]) -> ScreenCovariance {
         let entries = [dot(self.product[0], jw[0]), dot(self.product[0], jw[1]), dot(self.product[1], jw[1])];
-        OnScreen { entries, determinant: self.determinant }
+        ScreenCovariance { entries, determinant: self.determinant }
     }
 
     #[inline(always)]

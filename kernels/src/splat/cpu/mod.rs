@@ -19,7 +19,7 @@ mod tests;
 
 use super::{CovarianceTensors, SplatBackwardOps, SplatForward, SplatOps, SplatSaved, SplatSettings, SplatTensors};
 use crate::backend::CpuBackend;
-use bin::{Bins, Order};
+use bin::{DepthOrder, TileBins};
 use burn::backend::TensorMetadata;
 use burn::backend::tensor::FloatTensor;
 use covariance::Covariances;
@@ -93,22 +93,26 @@ impl Attributes<'_> {
 }
 
 /// State that the forward pass keeps for the backward pass.
-struct Saved {
-    order: Order,
+struct ForwardState {
+    order: DepthOrder,
     /// The Gaussians that each tile was drawn with.
-    bins: Bins,
+    bins: TileBins,
     /// The rendered image `[H, W, 4]`.
     image: Vec<f32>,
 }
 
-fn forward(attributes: Attributes<'_>, offsets: &[f32], settings: &SplatSettings) -> (Vec<f32>, Vec<i32>, Saved) {
+fn forward(
+    attributes: Attributes<'_>,
+    offsets: &[f32],
+    settings: &SplatSettings,
+) -> (Vec<f32>, Vec<i32>, ForwardState) {
     let splats = project::project(attributes, offsets, settings);
-    let order = Order::new(&splats, &settings.camera);
+    let order = DepthOrder::new(&splats, &settings.camera);
     let (image, bins) = blend::blend(&order, settings);
     let radii = splats.par_iter().map(|s| s.radius).collect();
     // a clone would be made by one thread while the others wait
     let kept = image.par_iter().copied().collect();
-    (image, radii, Saved { order, bins, image: kept })
+    (image, radii, ForwardState { order, bins, image: kept })
 }
 
 impl<B: CpuBackend> SplatOps for B {
@@ -134,7 +138,7 @@ impl<B: CpuBackend> SplatBackwardOps for B {
     ) -> SplatTensors<Self> {
         let values = Values::of::<B>(&inputs);
         let (attributes, _) = values.borrow();
-        let saved = saved.0.downcast_ref::<Saved>().expect("the forward pass ran on the same backend");
+        let saved = saved.0.downcast_ref::<ForwardState>().expect("the forward pass ran on the same backend");
         let screen = blend_backward::blend_backward(saved, &B::values(&grad_image), &settings);
         let g = project_backward::project_backward(attributes, &saved.order, &screen, &settings);
         let device = inputs.means.device();

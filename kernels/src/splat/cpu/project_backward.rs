@@ -1,12 +1,12 @@
 //! Propagation of each Gaussian's gradients on screen back to means, covariances, opacity_logits and sh.
 
 use super::Attributes;
-use super::bin::Order;
+use super::bin::DepthOrder;
 use super::blend_backward::ScreenGradient;
 use super::covariance::{Covariances, Gradient};
 use super::lanes::wide;
 use super::project::{Projection, Splat2d, row, view_direction};
-use crate::Camera;
+use crate::PinholeCamera;
 use crate::backend::zeros;
 use crate::sh::{self, Bands};
 use crate::splat::SplatSettings;
@@ -23,7 +23,7 @@ pub(super) struct Gradients {
 
 pub(super) fn project_backward(
     a: Attributes<'_>,
-    order: &Order,
+    order: &DepthOrder,
     screen: &[ScreenGradient],
     settings: &SplatSettings,
 ) -> Gradients {
@@ -61,7 +61,7 @@ pub(super) fn project_backward(
     g
 }
 
-struct One {
+struct GaussianGradient {
     mean: [f32; 3],
     covariance: Gradient,
     opacity_logit: f32,
@@ -77,7 +77,7 @@ fn one(
     eye: [f32; 3],
     settings: &SplatSettings,
     sh_out: &mut [f32],
-) -> One {
+) -> GaussianGradient {
     let camera = &settings.camera;
     let mean = row::<3>(a.means, i);
     let p = Projection::new(mean, a.covariances, i, settings);
@@ -130,12 +130,12 @@ fn one(
             v_mean[axis] += (v[axis] - along * direction[axis]) * inverse_distance;
         }
     }
-    One { mean: v_mean, covariance, opacity_logit, screen }
+    GaussianGradient { mean: v_mean, covariance, opacity_logit, screen }
 }
 
 /// Propagates the gradient through the projected position and the Jacobian to the position in camera space.
 #[inline(always)]
-fn camera_mean_gradient(p: &Projection, camera: &Camera, screen: [f32; 2], v_jw: &[[f32; 3]; 2]) -> [f32; 3] {
+fn camera_mean_gradient(p: &Projection, camera: &PinholeCamera, screen: [f32; 2], v_jw: &[[f32; 3]; 2]) -> [f32; 3] {
     let w = &camera.rotation;
     let [x, y, z] = p.camera_mean;
     let iz = 1.0 / z;

@@ -12,7 +12,7 @@ use crate::splat::ALPHA_MIN;
 
 /// The entries of all tiles.
 #[derive(Clone, Debug)]
-pub(in crate::splat) struct Bins {
+pub(in crate::splat) struct TileEntries {
     /// Gaussians by depth, `[N]`.
     pub order: Words,
     /// Where the entries of each position in `order` start, `[N + 1]`; the last is their number.
@@ -64,7 +64,7 @@ pub(super) fn list(
     n: usize,
     tiles: [usize; 2],
     capacity: usize,
-) -> Bins {
+) -> TileEntries {
     let dim = CubeDim::new_1d(UNITS);
     let (keys, entries) = (Words::empty(client, capacity), Words::empty(client, capacity));
     let gaussians = Words::empty(client, capacity);
@@ -99,19 +99,19 @@ pub(super) fn list(
         count as u32,
         capacity as u32,
     );
-    Bins { order, starts, gaussians, sorted, tiles: starts_of_tiles, capacity }
+    TileEntries { order, starts, gaussians, sorted, tiles: starts_of_tiles, capacity }
 }
 
 /// First tile and one past the last.
 #[derive(CubeType)]
-struct Span {
+struct TileSpan {
     first: u32,
     end: u32,
 }
 
 /// Returns the tiles that hold pixel centres between `low` and `high`; pixel k has its centre at k + 0.5.
 #[cube]
-fn tile_span(low: f32, high: f32, tiles: u32) -> Span {
+fn tile_span(low: f32, high: f32, tiles: u32) -> TileSpan {
     let tile = comptime!(TILE as f32);
     let most = f32::cast_from(tiles) * tile;
     let first = u32::cast_from(clamp(f32::ceil(low - 0.5f32), 0.0f32, most)) / comptime!(TILE as u32);
@@ -120,7 +120,7 @@ fn tile_span(low: f32, high: f32, tiles: u32) -> Span {
     if last >= 0.0f32 {
         end = min(u32::cast_from(min(last, most)) / comptime!(TILE as u32) + 1u32, tiles);
     }
-    Span { first: min(first, end), end }
+    TileSpan { first: min(first, end), end }
 }
 
 /// Returns dx of the ellipse's edge at `dy`, on the side of `sign`.
@@ -132,7 +132,7 @@ fn edge(a: f32, b: f32, c: f32, k: f32, dy: f32, sign: f32) -> f32 {
 
 /// Returns the tiles of row `row` that the Gaussian at `at` in `screen` reaches into.
 #[cube]
-fn row_span(screen: &[f32], at: usize, row: u32, tiles_x: u32) -> Span {
+fn row_span(screen: &[f32], at: usize, row: u32, tiles_x: u32) -> TileSpan {
     let (x, y) = (screen[at], screen[at + 1]);
     let (a, b, c) = (-screen[at + 2], -0.5f32 * screen[at + 3], -screen[at + 4]);
     let k = screen[at + 5] - comptime!(ALPHA_MIN.ln());

@@ -19,13 +19,13 @@ const QUERY_INTERVAL: u64 = 16;
 
 /// Statistics of renderings of one size.
 #[derive(Default)]
-struct Seen {
+struct EntryStatistics {
     calls: u64,
     max_entries: usize,
 }
 
 /// Statistics by image size and the number of Gaussians rounded up to a power of two.
-static SEEN: LazyLock<Mutex<HashMap<[usize; 3], Seen>>> = LazyLock::new(Mutex::default);
+static SEEN: LazyLock<Mutex<HashMap<[usize; 3], EntryStatistics>>> = LazyLock::new(Mutex::default);
 
 /// Returns the room for entries; `starts[n]` on the device is their number, which `exact` queries. It may not fit if the
 /// entries themselves do not.

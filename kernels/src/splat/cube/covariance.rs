@@ -1,7 +1,7 @@
 //! Parameters of a Gaussian's covariance, its projection to the screen, and the backward pass. The same arithmetic as
 //! `cpu::covariance`; the kind of input is known when a kernel is compiled.
 
-use super::project::View;
+use super::project::ProjectedMean;
 use crate::cube::is_finite;
 use crate::cube::prelude::*;
 use crate::cube::vector::{Vec3, cross, dot, products, scaled, store_vec3, sum_of_three, sum_of_two, vec3_at};
@@ -10,7 +10,7 @@ use crate::turn::NO_ROTATION;
 
 /// A covariance on screen, xx, xy, yy, without the dilation.
 #[derive(CubeType)]
-pub(super) struct OnScreen {
+pub(super) struct CubeScreenCovariance {
     pub xx: f32,
     pub xy: f32,
     pub yy: f32,
@@ -32,10 +32,10 @@ pub(super) struct ByJacobian {
 pub(super) fn on_screen(
     source: &[f32],
     log_scales: &[f32],
-    view: &View,
+    view: &ProjectedMean,
     i: usize,
     #[comptime] entries: bool,
-) -> OnScreen {
+) -> CubeScreenCovariance {
     if comptime!(entries) {
         entries_on_screen(source, view, i)
     } else {
@@ -50,7 +50,7 @@ pub(super) fn on_screen(
 pub(super) fn backward(
     source: &[f32],
     log_scales: &[f32],
-    view: &View,
+    view: &ProjectedMean,
     va: f32,
     vb: f32,
     vc: f32,
@@ -84,7 +84,7 @@ pub(super) fn no_gradient(out_source: &mut [f32], out_log_scales: &mut [f32], i:
 
 /// The factors of a covariance.
 #[derive(CubeType)]
-struct Factored {
+struct CovarianceFactors {
     /// Columns of the rotation matrix.
     r0: Vec3,
     r1: Vec3,
@@ -100,7 +100,7 @@ struct Factored {
 }
 
 #[cube]
-fn factored(rotations: &[f32], log_scales: &[f32], view: &View, i: usize) -> Factored {
+fn factored(rotations: &[f32], log_scales: &[f32], view: &ProjectedMean, i: usize) -> CovarianceFactors {
     let (w, x, y, z) = (rotations[4 * i], rotations[4 * i + 1], rotations[4 * i + 2], rotations[4 * i + 3]);
     let norm2 = w * w + x * x + y * y + z * z;
     let has_length = norm2 > comptime!(NO_ROTATION);
@@ -128,15 +128,15 @@ fn factored(rotations: &[f32], log_scales: &[f32], view: &View, i: usize) -> Fac
     let u = Vec3 { x: dot(&view.u, &r0), y: dot(&view.u, &r1), z: dot(&view.u, &r2) };
     let v = Vec3 { x: dot(&view.v, &r0), y: dot(&view.v, &r1), z: dot(&view.v, &r2) };
     let (a, b) = (products(&scales, &u), products(&scales, &v));
-    Factored { r0, r1, r2, w, q, inverse_norm, scales, a, b }
+    CovarianceFactors { r0, r1, r2, w, q, inverse_norm, scales, a, b }
 }
 
 #[cube]
-fn factored_on_screen(rotations: &[f32], log_scales: &[f32], view: &View, i: usize) -> OnScreen {
+fn factored_on_screen(rotations: &[f32], log_scales: &[f32], view: &ProjectedMean, i: usize) -> CubeScreenCovariance {
     let f = factored(rotations, log_scales, view, i);
     // |a x b|^2 is the determinant, free of cancellation (Lagrange's identity)
     let across = cross(&f.a, &f.b);
-    OnScreen {
+    CubeScreenCovariance {
         xx: dot(&f.a, &f.a),
         xy: dot(&f.a, &f.b),
         yy: dot(&f.b, &f.b),
@@ -152,7 +152,7 @@ fn factored_on_screen(rotations: &[f32], log_scales: &[f32], view: &View, i: usi
 fn factored_backward(
     rotations: &[f32],
     log_scales: &[f32],
-    view: &View,
+    view: &ProjectedMean,
     va: f32,
     vb: f32,
     vc: f32,
@@ -200,7 +200,7 @@ struct Product {
 }
 
 #[cube]
-fn product(entries: &[f32], view: &View, i: usize) -> Product {
+fn product(entries: &[f32], view: &ProjectedMean, i: usize) -> Product {
     let x = vec3_at(entries, 6 * i);
     let y = Vec3 { x: x.y, y: entries[6 * i + 3], z: entries[6 * i + 4] };
     let z = Vec3 { x: x.z, y: y.z, z: entries[6 * i + 5] };
@@ -210,17 +210,17 @@ fn product(entries: &[f32], view: &View, i: usize) -> Product {
 }
 
 #[cube]
-fn entries_on_screen(entries: &[f32], view: &View, i: usize) -> OnScreen {
+fn entries_on_screen(entries: &[f32], view: &ProjectedMean, i: usize) -> CubeScreenCovariance {
     let p = product(entries, view, i);
     let (xx, xy, yy) = (dot(&p.a, &view.u), dot(&p.a, &view.v), dot(&p.b, &view.v));
     let d = projected_determinant(entries, view, i);
-    OnScreen { xx, xy, yy, determinant: d.value, valid: d.semidefinite }
+    CubeScreenCovariance { xx, xy, yy, determinant: d.value, valid: d.semidefinite }
 }
 
 #[cube]
 fn entries_backward(
     entries: &[f32],
-    view: &View,
+    view: &ProjectedMean,
     va: f32,
     vb: f32,
     vc: f32,
@@ -255,7 +255,7 @@ struct Determinant {
 
 /// Returns the determinant of `(J W) Sigma (J W)^T` from the minors of Sigma, as in `cpu::covariance`.
 #[cube]
-fn projected_determinant(entries: &[f32], view: &View, i: usize) -> Determinant {
+fn projected_determinant(entries: &[f32], view: &ProjectedMean, i: usize) -> Determinant {
     let mut finite = true;
     #[unroll]
     for k in 0..6usize {

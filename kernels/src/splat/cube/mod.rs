@@ -23,7 +23,7 @@ use super::{CovarianceTensors, SplatBackwardOps, SplatForward, SplatOps, SplatSa
 use crate::cube::prelude::*;
 use crate::cube::{UNITS, Words, arg, cubes, empty_f32, empty_i32, rows};
 use crate::sh::Bands;
-use bin::Bins;
+use bin::TileEntries;
 use std::sync::Arc;
 
 /// Tile side in pixels.
@@ -37,9 +37,9 @@ const LINE: u32 = 32;
 
 /// State that the forward pass keeps for the backward pass.
 #[derive(Debug)]
-struct Saved {
+struct CubeForwardState {
     screen: Words,
-    bins: Bins,
+    bins: TileEntries,
     used: Words,
     states: Words,
     image: CubeTensor,
@@ -49,18 +49,18 @@ struct Saved {
 pub(super) struct Binned {
     pub(super) screen: Words,
     pub(super) radii: CubeTensor,
-    pub(super) bins: Bins,
+    pub(super) bins: TileEntries,
 }
 
 /// Parameters of the covariances, as the kernels take them.
-struct Source {
+struct CovarianceSource {
     /// Quaternions `[N, 4]`, or covariances `[N, 6]`.
     rows: CubeTensor,
     /// `[N, 3]`, with quaternions.
     log_scales: Option<CubeTensor>,
 }
 
-impl Source {
+impl CovarianceSource {
     fn new(covariances: CovarianceTensors<CubeBackend>) -> Self {
         match covariances {
             CovarianceTensors::Factored { rotations, log_scales } => {
@@ -102,7 +102,7 @@ pub(super) fn tiles(settings: &SplatSettings) -> [usize; 2] {
 pub(super) fn binned(inputs: SplatTensors<CubeBackend>, settings: &SplatSettings, exact: bool) -> Binned {
     let SplatTensors { means, covariances, opacity_logits, sh, screen_offsets } = inputs;
     let [means, logits, sh, offsets] = &[means, opacity_logits, sh, screen_offsets].map(rows);
-    let source = Source::new(covariances);
+    let source = CovarianceSource::new(covariances);
     let client = &means.client;
     let n = means.meta.shape()[0];
     let screen = Words::empty(client, n * project::SCREEN);
@@ -192,7 +192,7 @@ impl SplatOps for CubeBackend {
         let binned = binned(inputs, &settings, !save);
         let [states, used] = blend(&client, &binned, &image, &settings, save);
         let Binned { screen, radii, bins } = binned;
-        let saved = SplatSaved(Arc::new(Saved { screen, bins, used, states, image: image.clone() }));
+        let saved = SplatSaved(Arc::new(CubeForwardState { screen, bins, used, states, image: image.clone() }));
         SplatForward { image, radii, saved }
     }
 }
@@ -205,8 +205,8 @@ impl SplatBackwardOps for CubeBackend {
         saved: SplatSaved,
     ) -> SplatTensors<Self> {
         let [means, sh] = [inputs.means, inputs.sh].map(rows);
-        let source = Source::new(inputs.covariances);
-        let saved = saved.0.downcast_ref::<Saved>().expect("the forward pass ran on the same backend");
+        let source = CovarianceSource::new(inputs.covariances);
+        let saved = saved.0.downcast_ref::<CubeForwardState>().expect("the forward pass ran on the same backend");
         let client = means.client.clone();
         let n = means.meta.shape()[0];
         let sh_stride = sh.meta.shape()[1];

@@ -30,7 +30,7 @@ pub(super) fn camera_words(settings: &SplatSettings) -> Vec<f32> {
 
 /// The part of a Gaussian's projection that does not depend on its covariance.
 #[derive(CubeType)]
-pub(super) struct View {
+pub(super) struct ProjectedMean {
     /// Position in camera space.
     pub at: Vec3,
     pub slope_x: f32,
@@ -43,7 +43,7 @@ pub(super) struct View {
 }
 
 #[cube]
-pub(super) fn view(means: &[f32], camera: &[f32], i: usize) -> View {
+pub(super) fn view(means: &[f32], camera: &[f32], i: usize) -> ProjectedMean {
     let mean = vec3_at(means, 3 * i);
     let (wx, wy, wz) = (vec3_at(camera, 4), vec3_at(camera, 7), vec3_at(camera, 10));
     let (fx, fy) = (camera[0], camera[1]);
@@ -57,7 +57,7 @@ pub(super) fn view(means: &[f32], camera: &[f32], i: usize) -> View {
     let slope_y = clamp(raw_y, top, bottom);
     let u = sum_of_two(fx * iz, &wx, -fx * slope_x * iz, &wz);
     let v = sum_of_two(fy * iz, &wy, -fy * slope_y * iz, &wz);
-    View { at, slope_x, slope_y, clamped_x, clamped_y, u, v }
+    ProjectedMean { at, slope_x, slope_y, clamped_x, clamped_y, u, v }
 }
 
 /// Unit direction from the camera to the mean, and the inverse of the distance.

@@ -1,7 +1,7 @@
 //! Gradients of the reference image, in f64, by the chain rule over plain matrices. Nothing is shared with the kernels,
 //! and blending is differentiated in another form: by the light from behind a Gaussian, accumulated from the back.
 
-use super::{Cutoffs, Geometry, Projected, Scene, basis_of, conic, drawn, geometry, pixel_centres, unit};
+use super::{Cutoffs, Geometry, Projected, ReferenceScene, basis_of, conic, drawn, geometry, pixel_centres, unit};
 use crate::splat::SplatSettings;
 
 /// The gradient of a loss with respect to a Gaussian on screen.
@@ -20,7 +20,12 @@ struct ByScreen {
 ///
 /// # Panics
 /// If `by_image` is not of the camera's size.
-pub fn backward(scene: &Scene, settings: &SplatSettings, cutoffs: Cutoffs, by_image: &[f64]) -> Scene {
+pub fn backward(
+    scene: &ReferenceScene,
+    settings: &SplatSettings,
+    cutoffs: Cutoffs,
+    by_image: &[f64],
+) -> ReferenceScene {
     let camera = &settings.camera;
     assert_eq!(by_image.len(), camera.width * camera.height * 4, "the gradient of the image is [H, W, 4]");
     let drawn = drawn(scene, settings);
@@ -82,12 +87,12 @@ fn pixel_backward(
 }
 
 fn attributes_backward(
-    scene: &Scene,
+    scene: &ReferenceScene,
     i: usize,
     settings: &SplatSettings,
     projected: &Projected,
     by: &ByScreen,
-    out: &mut Scene,
+    out: &mut ReferenceScene,
 ) {
     let g = geometry(scene, i, settings);
     // the conic K is the inverse of the covariance: dL/dCov = -K (dL/dK) K
@@ -118,7 +123,7 @@ fn attributes_backward(
 }
 
 /// Propagates the gradient to the rotation and the scales of the covariance `R S S^T R^T`.
-fn factors_backward(i: usize, g: &Geometry, by_sigma: &[[f64; 3]; 3], out: &mut Scene) {
+fn factors_backward(i: usize, g: &Geometry, by_sigma: &[[f64; 3]; 3], out: &mut ReferenceScene) {
     let by_rotated = product(*by_sigma, g.rotation);
     for k in 0..3 {
         let by_square: f64 = (0..3).map(|r| g.rotation[r][k] * by_rotated[r][k]).sum();
@@ -173,13 +178,13 @@ fn by_camera_position(g: &Geometry, settings: &SplatSettings, by: &ByScreen, by_
 /// Writes the gradient with respect to the coefficients to `out`; returns that with respect to the view direction
 /// before normalisation.
 fn colour_backward(
-    scene: &Scene,
+    scene: &ReferenceScene,
     i: usize,
     settings: &SplatSettings,
     g: &Geometry,
     projected: &Projected,
     by: &ByScreen,
-    out: &mut Scene,
+    out: &mut ReferenceScene,
 ) -> [f64; 3] {
     let degree = settings.rendering.sh_degree;
     let (direction, length) = unit(g.direction);
@@ -199,7 +204,7 @@ fn colour_backward(
 
 /// Returns the derivative of the basis with respect to one coordinate of the direction. The basis consists of
 /// polynomials of degree 4 at most, for which this difference quotient is the exact derivative.
-fn basis_derivative(scene: &Scene, direction: [f64; 3], axis: usize, degree: usize) -> Vec<f64> {
+fn basis_derivative(scene: &ReferenceScene, direction: [f64; 3], axis: usize, degree: usize) -> Vec<f64> {
     let at = |step: f64| {
         let mut moved = direction;
         moved[axis] += step;

@@ -35,7 +35,7 @@ impl Cutoffs {
 
 /// Gaussians in f64, row-major, shapes as in [`super::SplatInputs`] and [`super::CovarianceInputs`].
 #[derive(Clone, Debug, Default)]
-pub struct Scene {
+pub struct ReferenceScene {
     /// `[N, 3]`
     pub means: Vec<f64>,
     /// `[N, 4]`, wxyz
@@ -55,7 +55,7 @@ pub struct Scene {
     pub screen_offsets: Vec<f64>,
 }
 
-impl Scene {
+impl ReferenceScene {
     /// Returns the same number of Gaussians, with all values zero.
     fn zeros(&self) -> Self {
         let like = |values: &[f64]| vec![0.0; values.len()];
@@ -90,7 +90,7 @@ impl Projected {
 }
 
 /// Renders `[H, W, 4]`: colour over the background, and alpha.
-pub fn render(scene: &Scene, settings: &SplatSettings, cutoffs: Cutoffs) -> Vec<f64> {
+pub fn render(scene: &ReferenceScene, settings: &SplatSettings, cutoffs: Cutoffs) -> Vec<f64> {
     let drawn = drawn(scene, settings);
     let camera = &settings.camera;
     let mut image = Vec::with_capacity(camera.width * camera.height * 4);
@@ -123,7 +123,7 @@ fn pixel_centres(settings: &SplatSettings) -> impl Iterator<Item = [f64; 2]> {
 }
 
 /// Returns the Gaussians that are not culled, with their indices, nearest first, ties by index.
-pub(crate) fn drawn(scene: &Scene, settings: &SplatSettings) -> Vec<(usize, Projected)> {
+pub(crate) fn drawn(scene: &ReferenceScene, settings: &SplatSettings) -> Vec<(usize, Projected)> {
     let n = scene.opacity_logits.len();
     let mut drawn: Vec<_> = (0..n).filter_map(|i| Some((i, project(scene, i, settings)?))).collect();
     drawn.sort_by(|a, b| a.1.depth.total_cmp(&b.1.depth)); // stable
@@ -154,7 +154,7 @@ struct Geometry {
     direction: [f64; 3],
 }
 
-fn geometry(scene: &Scene, i: usize, settings: &SplatSettings) -> Geometry {
+fn geometry(scene: &ReferenceScene, i: usize, settings: &SplatSettings) -> Geometry {
     let camera = &settings.camera;
     let w = camera.rotation.map(|row| row.map(f64::from));
     let mean: [f64; 3] = std::array::from_fn(|k| scene.means[3 * i + k]);
@@ -246,7 +246,7 @@ fn unit(v: [f64; 3]) -> ([f64; 3], f64) {
     (v.map(|v| v / length), length)
 }
 
-fn project(scene: &Scene, i: usize, settings: &SplatSettings) -> Option<Projected> {
+fn project(scene: &ReferenceScene, i: usize, settings: &SplatSettings) -> Option<Projected> {
     let camera = &settings.camera;
     let g = geometry(scene, i, settings);
     let (conic, det) = conic(g.covariance);
@@ -275,7 +275,7 @@ fn project(scene: &Scene, i: usize, settings: &SplatSettings) -> Option<Projecte
 
 /// Returns the basis functions of a scene's coefficients up to `degree`: of even bands alone where their number is that
 /// of even ones.
-fn basis_of(scene: &Scene, direction: [f64; 3], degree: usize) -> Vec<f64> {
+fn basis_of(scene: &ReferenceScene, direction: [f64; 3], degree: usize) -> Vec<f64> {
     let even = [6, 15].contains(&scene.sh_stride);
     let wanted = |(k, _): &(usize, f64)| !even || k.isqrt().is_multiple_of(2);
     let all = exact_basis(direction).into_iter().take((degree + 1).pow(2));

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use super::super::fake;
 use super::*;
 
-fn job(dir: &Path, profile: &str) -> Job {
-    Job::new(dir, Profile::parse(Path::new("p.toml"), profile).unwrap()).unwrap()
+fn job(dir: &Path, profile: &str) -> SlurmJob {
+    SlurmJob::new(dir, SlurmProfile::parse(Path::new("p.toml"), profile).unwrap()).unwrap()
 }
 
 fn bash(arguments: &[&str]) -> String {
@@ -56,13 +56,13 @@ fn the_script_has_what_the_profile_asks_for() {
 #[test]
 fn paths_that_slurm_cannot_take_are_refused() {
     for bad in ["/s/a\nb", "/s/a\\b", "/s/a\u{7f}"] {
-        let error = Job::new(Path::new(bad), Profile::default()).unwrap_err();
+        let error = SlurmJob::new(Path::new(bad), SlurmProfile::default()).unwrap_err();
         assert!(matches!(error, SlurmError::Folder { .. }), "{error}");
     }
-    let relative = Job::new(Path::new("some where"), Profile::default()).unwrap();
+    let relative = SlurmJob::new(Path::new("some where"), SlurmProfile::default()).unwrap();
     assert!(relative.dir.is_absolute());
     assert_eq!(relative.name, "some_where");
-    assert_eq!(Job::new(Path::new("/"), Profile::default()).unwrap().name, "sweep");
+    assert_eq!(SlurmJob::new(Path::new("/"), SlurmProfile::default()).unwrap().name, "sweep");
 }
 
 #[test]
@@ -88,7 +88,7 @@ fn bash_takes_the_script_with_any_path() {
 /// A sweep's folder with a fake worker that does what `body` says and can take notes.
 struct Stage {
     base: tempfile::TempDir,
-    job: Job,
+    job: SlurmJob,
 }
 
 impl Stage {
@@ -210,7 +210,8 @@ fn a_run_that_ends_well_after_the_warning_is_not_queued_again() {
 fn a_warning_during_the_setup_is_not_lost() {
     let stage = Stage::new(SAVES, "");
     let slow = format!("echo setup >>{}; sleep 0.5", quote(stage.base.path().join("notes").to_str().unwrap()));
-    let job = Job { profile: Profile { setup: vec![slow], ..stage.job.profile.clone() }, ..stage.job.clone() };
+    let job =
+        SlurmJob { profile: SlurmProfile { setup: vec![slow], ..stage.job.profile.clone() }, ..stage.job.clone() };
     fs::write(job.file(), script(&job)).unwrap();
     let mut child = stage.start(&[]);
     stage.wait_for("setup");

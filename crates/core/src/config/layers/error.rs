@@ -1,6 +1,6 @@
 //! Configuration errors, each with the place it came from.
 
-use super::Origin;
+use super::KeyOrigin;
 use crate::files::is_user_error;
 use crate::user_error::UserError;
 use std::path::PathBuf;
@@ -43,7 +43,7 @@ pub enum ConfigError {
     Cycle(String),
     /// `extends` is not a string.
     #[error("{0}: `extends` must be a string that names a file or a preset")]
-    Extends(Origin),
+    Extends(KeyOrigin),
     /// An override is not of the form `a.b=value`.
     #[error("--set {0:?}: expected KEY=VALUE with a dotted key such as loss.dssim=0.2")]
     Override(String),
@@ -59,7 +59,7 @@ pub enum ConfigError {
     #[error("{origin}: unknown key `{key}`{}", hint(.suggestion))]
     UnknownKey {
         /// Where the key was given.
-        origin: Origin,
+        origin: KeyOrigin,
         /// The dotted key.
         key: String,
         /// The closest key that exists.
@@ -99,7 +99,7 @@ impl UserError for ConfigError {
 #[error("{origin}: key `{key}`: {message} (got `{got}`{})", default_note(.default))]
 pub struct ValueError {
     /// Where the value was given.
-    pub origin: Origin,
+    pub origin: KeyOrigin,
     /// The dotted key.
     pub key: String,
     /// What was expected.

@@ -18,7 +18,7 @@ pub fn file_schema<T: JsonSchema + Serialize>(defaults: &T) -> Json {
     let mut schema = schema::<T>();
     relax(&mut schema);
     // a value that cannot be written as TOML leaves the schema without built-in values
-    let defaults = super::to_table(defaults, &View::root(&schema)).unwrap_or_default();
+    let defaults = super::to_table(defaults, &SchemaNode::root(&schema)).unwrap_or_default();
     fill(&mut schema, "", &serde_json::to_value(defaults).unwrap_or_default());
     if let Some(properties) = schema.get_mut("properties").and_then(Json::as_object_mut) {
         let description = "File or preset whose values this file starts from.";
@@ -58,12 +58,12 @@ fn fill(schema: &mut Json, section: &str, defaults: &Json) {
 
 /// A node of the schema: all alternatives that a value at this place may match.
 #[derive(Debug, Clone)]
-pub(super) struct View<'a> {
+pub(super) struct SchemaNode<'a> {
     root: &'a Json,
     alternatives: Vec<&'a Json>,
 }
 
-impl<'a> View<'a> {
+impl<'a> SchemaNode<'a> {
     pub(super) fn root(root: &'a Json) -> Self {
         Self::of(root, root)
     }
@@ -75,7 +75,7 @@ impl<'a> View<'a> {
     }
 
     /// The node below `key`, or `None` if no such key may be given.
-    pub(super) fn child(&self, key: &str) -> Option<View<'a>> {
+    pub(super) fn child(&self, key: &str) -> Option<SchemaNode<'a>> {
         let mut found = Vec::new();
         for node in &self.alternatives {
             if let Some(child) = node.get("properties").and_then(|p| p.get(key)) {
@@ -90,7 +90,7 @@ impl<'a> View<'a> {
     }
 
     /// The node of an array's elements.
-    pub(super) fn items(&self) -> Option<View<'a>> {
+    pub(super) fn items(&self) -> Option<SchemaNode<'a>> {
         let items = |node: &&'a Json| node.get("items").filter(|i| i.is_object());
         let item = self.alternatives.iter().find_map(items)?;
         Some(Self::of(self.root, item))

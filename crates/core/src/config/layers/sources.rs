@@ -6,20 +6,25 @@ use std::path::{Path, PathBuf};
 use toml::de::{DeTable, DeValue};
 use toml::{Table, Value};
 
-use super::schema::View;
+use super::schema::SchemaNode;
 use super::text::dotted;
-use super::{ConfigError, Origin};
+use super::{ConfigError, KeyOrigin};
 
 /// A key path with its value. Tables are flattened, so a value is a table only if empty.
 #[derive(Debug, Clone)]
 pub(super) struct Leaf {
     pub(super) path: Vec<String>,
     pub(super) value: Value,
-    pub(super) origin: Origin,
+    pub(super) origin: KeyOrigin,
 }
 
 /// Appends the leaves of `value` at `path`; `origin` gives the origin of each leaf.
-pub(super) fn flatten(path: &mut Vec<String>, value: Value, origin: &dyn Fn(&[String]) -> Origin, out: &mut Vec<Leaf>) {
+pub(super) fn flatten(
+    path: &mut Vec<String>,
+    value: Value,
+    origin: &dyn Fn(&[String]) -> KeyOrigin,
+    out: &mut Vec<Leaf>,
+) {
     match value {
         Value::Table(table) if !table.is_empty() => {
             for (key, value) in table {
@@ -32,13 +37,13 @@ pub(super) fn flatten(path: &mut Vec<String>, value: Value, origin: &dyn Fn(&[St
     }
 }
 
-enum Found {
+enum SourceLocation {
     File(PathBuf),
     Preset(usize),
 }
 
 /// Reads files and presets, bases first.
-pub(super) struct Reader<'a> {
+pub(super) struct SourceReader<'a> {
     presets: &'a [(&'a str, &'a str)],
     open: Vec<String>,
 }
@@ -47,7 +52,7 @@ fn stem(name: &str) -> &str {
     name.strip_suffix(".toml").unwrap_or(name)
 }
 
-impl<'a> Reader<'a> {
+impl<'a> SourceReader<'a> {
     pub(super) fn new(presets: &'a [(&'a str, &'a str)]) -> Self {
         Self { presets, open: Vec::new() }
     }
@@ -61,14 +66,14 @@ impl<'a> Reader<'a> {
         out: &mut Vec<Leaf>,
     ) -> Result<(), ConfigError> {
         let (id, text, dir, path) = match self.find(name, dir, wanted_by)? {
-            Found::File(path) => {
+            SourceLocation::File(path) => {
                 let text = crate::files::read_settings(&path)
                     .map_err(|source| ConfigError::Read { path: path.clone(), source })?;
                 let id = path.canonicalize().unwrap_or_else(|_| path.clone());
                 let dir = path.parent().map(Path::to_path_buf);
                 (id.display().to_string(), text, dir, Some(path))
             }
-            Found::Preset(index) => {
+            SourceLocation::Preset(index) => {
                 let (name, text) = self.presets[index];
                 (format!("preset {}", stem(name)), text.to_owned(), None, None)
             }
@@ -90,8 +95,8 @@ impl<'a> Reader<'a> {
         let origin = |key: &[String]| {
             let line = lines.get(key).copied().unwrap_or(1);
             match &path {
-                Some(path) => Origin::File { path: path.clone(), line },
-                None => Origin::Preset { name: stem(name).to_owned(), line },
+                Some(path) => KeyOrigin::File { path: path.clone(), line },
+                None => KeyOrigin::Preset { name: stem(name).to_owned(), line },
             }
         };
         match table.remove("extends") {
@@ -108,17 +113,17 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    fn find(&self, name: &str, dir: Option<&Path>, by: &str) -> Result<Found, ConfigError> {
+    fn find(&self, name: &str, dir: Option<&Path>, by: &str) -> Result<SourceLocation, ConfigError> {
         if let Some(dir) = dir {
             let path = dir.join(name);
             let with_suffix = dir.join(format!("{name}.toml"));
             if let Some(file) = [path, with_suffix].into_iter().find(|p| p.is_file()) {
-                return Ok(Found::File(file));
+                return Ok(SourceLocation::File(file));
             }
         }
         let preset = |(known, _): &(&str, &str)| stem(known) == stem(name);
         if let Some(index) = self.presets.iter().position(preset) {
-            return Ok(Found::Preset(index));
+            return Ok(SourceLocation::Preset(index));
         }
         let known: Vec<&str> = self.presets.iter().map(|(name, _)| stem(name)).collect();
         Err(ConfigError::NotFound {
@@ -150,25 +155,25 @@ fn lines_of(text: &str, table: &DeTable<'_>) -> BTreeMap<Vec<String>, usize> {
 
 /// Parses a value typed by hand: TOML if it parses as TOML, text otherwise; always text where the configuration accepts
 /// only text, so that a name such as `2024` needs no quotes.
-fn parse_value(text: &str, node: Option<&View<'_>>) -> Value {
+fn parse_value(text: &str, node: Option<&SchemaNode<'_>>) -> Value {
     let plain = || Value::String(text.to_owned());
     if crate::nesting::check_toml(text).is_err() {
         return plain();
     }
     match text.trim().parse::<Value>() {
         Ok(Value::String(inner)) => Value::String(inner),
-        Ok(_) if node.is_some_and(View::is_text) => plain(),
+        Ok(_) if node.is_some_and(SchemaNode::is_text) => plain(),
         Ok(value) => value,
         Err(_) => plain(),
     }
 }
 
-fn node_at<'a>(root: &View<'a>, path: &[String]) -> Option<View<'a>> {
+fn node_at<'a>(root: &SchemaNode<'a>, path: &[String]) -> Option<SchemaNode<'a>> {
     path.iter().try_fold(root.clone(), |node, key| node.child(key))
 }
 
 /// Appends the leaves of one `a.b=value`.
-pub(super) fn parse_set(text: &str, root: &View<'_>, out: &mut Vec<Leaf>) -> Result<(), ConfigError> {
+pub(super) fn parse_set(text: &str, root: &SchemaNode<'_>, out: &mut Vec<Leaf>) -> Result<(), ConfigError> {
     let wrong = || ConfigError::Override(text.to_owned());
     let (key, value) = text.split_once('=').ok_or_else(wrong)?;
     let mut path: Vec<String> = key.split('.').map(|part| part.trim().to_owned()).collect();
@@ -176,7 +181,7 @@ pub(super) fn parse_set(text: &str, root: &View<'_>, out: &mut Vec<Leaf>) -> Res
         return Err(wrong());
     }
     let value = parse_value(value, node_at(root, &path).as_ref());
-    flatten(&mut path, value, &|_| Origin::Set, out);
+    flatten(&mut path, value, &|_| KeyOrigin::Set, out);
     Ok(())
 }
 
@@ -185,7 +190,7 @@ pub(super) fn parse_env(
     name: &str,
     key: &str,
     value: &str,
-    root: &View<'_>,
+    root: &SchemaNode<'_>,
     out: &mut Vec<Leaf>,
 ) -> Result<(), ConfigError> {
     let mut path: Vec<String> = key.split("__").map(str::to_lowercase).collect();
@@ -196,12 +201,12 @@ pub(super) fn parse_env(
         });
     }
     let value = parse_value(value, node_at(root, &path).as_ref());
-    flatten(&mut path, value, &|_| Origin::Env(name.to_owned()), out);
+    flatten(&mut path, value, &|_| KeyOrigin::Env(name.to_owned()), out);
     Ok(())
 }
 
 /// Returns an error if the configuration does not have the leaf's path.
-pub(super) fn check_known(leaf: &Leaf, root: &View<'_>) -> Result<(), ConfigError> {
+pub(super) fn check_known(leaf: &Leaf, root: &SchemaNode<'_>) -> Result<(), ConfigError> {
     if node_at(root, &leaf.path).is_some() {
         return Ok(());
     }

@@ -104,7 +104,7 @@ fn later_layers_win_and_each_leaf_knows_its_origin() {
     assert_eq!(origin("mode"), "preset base:1");
     let plain = Layers::new(&[]).resolve::<Config>().unwrap();
     assert_eq!(plain.value, Config::default());
-    assert!(plain.origins.values().all(|o| *o == Origin::Default));
+    assert!(plain.origins.values().all(|o| *o == KeyOrigin::Default));
 }
 
 #[test]
@@ -201,8 +201,8 @@ fn an_empty_section_keeps_earlier_values() {
     let layers = Layers::new(&[]).sets(["train.seed=5", "train={}"]);
     let resolved = layers.resolve::<Config>().unwrap();
     assert_eq!(resolved.value.train.seed, 5);
-    assert_eq!(resolved.origins["train.seed"], Origin::Set);
-    assert_eq!(resolved.origins["train.steps"], Origin::Default);
+    assert_eq!(resolved.origins["train.seed"], KeyOrigin::Set);
+    assert_eq!(resolved.origins["train.steps"], KeyOrigin::Default);
 }
 
 #[test]

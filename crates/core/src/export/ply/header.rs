@@ -35,12 +35,12 @@ fn numbered(prefix: &str, count: usize) -> Vec<String> {
 
 /// Position of a floating-point property in a row.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Slot {
+pub(super) struct PropertySlot {
     offset: usize,
     double: bool,
 }
 
-impl Slot {
+impl PropertySlot {
     /// Returns the value in `row`, which is as long as the header's stride.
     pub(super) fn value(&self, row: &[u8]) -> f32 {
         let mut wide = [0; 8];
@@ -56,23 +56,23 @@ impl Slot {
 
 /// What a header says about the rows.
 #[derive(Debug)]
-pub(super) struct Header {
+pub(super) struct PlyHeader {
     pub(super) count: usize,
     pub(super) stride: usize,
-    pub(super) mean: [Slot; 3],
-    pub(super) dc: [Slot; 3],
+    pub(super) mean: [PropertySlot; 3],
+    pub(super) dc: [PropertySlot; 3],
     /// All of red, then all of green, then all of blue.
-    pub(super) rest: Vec<Slot>,
-    pub(super) opacity: Slot,
-    pub(super) scale: [Slot; 3],
-    pub(super) rotation: [Slot; 4],
+    pub(super) rest: Vec<PropertySlot>,
+    pub(super) opacity: PropertySlot,
+    pub(super) scale: [PropertySlot; 3],
+    pub(super) rotation: [PropertySlot; 4],
 }
 
 fn wrong<T>(reason: impl Into<String>) -> Result<T, ReadError> {
     Err(ReadError::Format(reason.into()))
 }
 
-impl Header {
+impl PlyHeader {
     pub(super) fn coefficients(&self) -> usize {
         self.rest.len() / 3 + 1
     }
@@ -96,7 +96,7 @@ impl Header {
         let mut count: Option<usize> = None;
         let mut formatted = false;
         let mut stride = 0;
-        let mut slots: Vec<(String, Slot)> = Vec::new();
+        let mut slots: Vec<(String, PropertySlot)> = Vec::new();
         loop {
             let line = next("end_header")?;
             let words: Vec<&str> = line.split_whitespace().collect();
@@ -124,7 +124,7 @@ impl Header {
                         return wrong(format!("property {name} has the unknown type {kind}"));
                     };
                     if matches!(*kind, "float" | "float32" | "double" | "float64") {
-                        let slot = Slot { offset: stride, double: size == 8 };
+                        let slot = PropertySlot { offset: stride, double: size == 8 };
                         slots.push(((*name).to_owned(), slot));
                     }
                     stride += size;
@@ -141,7 +141,7 @@ impl Header {
         Self::from_slots(count, stride, &slots)
     }
 
-    fn from_slots(count: usize, stride: usize, slots: &[(String, Slot)]) -> Result<Self, ReadError> {
+    fn from_slots(count: usize, stride: usize, slots: &[(String, PropertySlot)]) -> Result<Self, ReadError> {
         let find = |name: &str| match slots.iter().find(|(known, _)| known == name) {
             Some((_, slot)) => Ok(*slot),
             None => wrong(format!("float property `{name}` is missing; is this a file of Gaussians?")),

@@ -5,7 +5,7 @@ use super::LpipsNet;
 use super::net::{ConvSpec, NETS};
 use super::state_dict::{StateDict, StateDictError};
 use crate::files::{MARK, ReplaceError, check_file, same_file};
-use crate::memory::{Budget, TooLarge, product};
+use crate::memory::{MemoryBudget, TooLarge, product};
 use crate::tensors::{TensorFileError, write};
 use crate::user_error::UserError;
 use safetensors::Dtype;
@@ -121,7 +121,7 @@ impl UserError for ConvertError {
 
 /// An input file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Input {
+pub struct InputFile {
     /// The file.
     pub file: PathBuf,
     /// Number of tensors read from it.
@@ -134,7 +134,7 @@ pub struct Input {
 
 /// A tensor in the output file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Written {
+pub struct WrittenTensor {
     /// Its name.
     pub name: String,
     /// Its shape.
@@ -143,23 +143,23 @@ pub struct Written {
 
 /// The result of a conversion.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Converted {
+pub struct ConvertedWeights {
     /// `alex` or `vgg`.
     pub network: String,
     /// The backbone's file.
-    pub backbone: Input,
+    pub backbone: InputFile,
     /// The heads' file.
-    pub heads: Input,
+    pub heads: InputFile,
     /// The file that was written.
     pub file: PathBuf,
     /// Its size in bytes.
     pub bytes: u64,
     /// The tensors in it, all F32.
-    pub tensors: Vec<Written>,
+    pub tensors: Vec<WrittenTensor>,
 }
 
 /// Tensors to be written: names, shapes, little-endian values.
-type Tensors = Vec<(Written, Vec<u8>)>;
+type TensorsToWrite = Vec<(WrittenTensor, Vec<u8>)>;
 
 /// Converts a torchvision backbone (`features.0.weight`, ...) and the heads of LPIPS v0.1 (`lin0.model.1.weight`, ...),
 /// each a PyTorch or safetensors file in F32 or F16, to the safetensors file `out`: `net.conv{i}.weight`
@@ -168,7 +168,7 @@ type Tensors = Vec<(Written, Vec<u8>)>;
 /// # Errors
 /// If a file is unreadable or damaged, a tensor is missing, of another shape or not finite, the heads belong to the
 /// other network, or `out` cannot be written or was not written by this program. Nothing is written then.
-pub fn convert(backbone: &Path, heads: &Path, out: &Path) -> Result<Converted, ConvertError> {
+pub fn convert(backbone: &Path, heads: &Path, out: &Path) -> Result<ConvertedWeights, ConvertError> {
     check_file(out)?;
     if let Some(input) = same_file(out, [backbone, heads]) {
         return Err(ReplaceError::Needed { path: out.into(), inner: input.into() }.into());
@@ -180,9 +180,9 @@ pub fn convert(backbone: &Path, heads: &Path, out: &Path) -> Result<Converted, C
     let shapes = net.stages().iter().flat_map(|s| s.convs).map(ConvSpec::weight_shape);
     let values: u128 = shapes.clone().map(|s| product(&s)).sum();
     // the tensors and the file made of them, four bytes per value, and room for biases, heads and the one being read
-    Budget::now().check(format!("--backbone {}", backbone.display()), values * 10)?;
+    MemoryBudget::now().check(format!("--backbone {}", backbone.display()), values * 10)?;
 
-    let mut all = Tensors::new();
+    let mut all = TensorsToWrite::new();
     for (i, (shape, feature)) in shapes.zip(published.features).enumerate() {
         for (part, shape) in [("weight", &shape[..]), ("bias", &shape[..1])] {
             let key = format!("features.{feature}.{part}");
@@ -198,7 +198,7 @@ pub fn convert(backbone: &Path, heads: &Path, out: &Path) -> Result<Converted, C
     let heads = input(heads, all.len() - of_backbone, published.heads)?;
     let bytes = save(out, &all, net)?;
     let tensors = all.into_iter().map(|(written, _)| written).collect();
-    Ok(Converted { network: net.to_string(), backbone, heads, file: out.into(), bytes, tensors })
+    Ok(ConvertedWeights { network: net.to_string(), backbone, heads, file: out.into(), bytes, tensors })
 }
 
 fn open(path: &Path) -> Result<StateDict<File>, ConvertError> {
@@ -245,22 +245,22 @@ fn take(
     key: &str,
     name: String,
     shape: &[usize],
-) -> Result<(Written, Vec<u8>), ConvertError> {
+) -> Result<(WrittenTensor, Vec<u8>), ConvertError> {
     let values = file.values(key, shape).map_err(|source| ConvertError::Source { path: path.into(), source })?;
     let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-    Ok((Written { name, shape: shape.to_vec() }, bytes))
+    Ok((WrittenTensor { name, shape: shape.to_vec() }, bytes))
 }
 
-fn input(path: &Path, tensors: usize, published: &str) -> Result<Input, ConvertError> {
+fn input(path: &Path, tensors: usize, published: &str) -> Result<InputFile, ConvertError> {
     let mut hash = Sha256::new();
     let read = File::open(path).and_then(|mut file| io::copy(&mut file, &mut hash));
     read.map_err(|e| ConvertError::Source { path: path.into(), source: e.into() })?;
     let sha256: String = hash.finalize().iter().take(4).map(|b| format!("{b:02x}")).collect();
-    Ok(Input { file: path.into(), tensors, published: sha256 == published, sha256 })
+    Ok(InputFile { file: path.into(), tensors, published: sha256 == published, sha256 })
 }
 
 /// Writes the file; the header entry marks it as written by this program.
-fn save(out: &Path, all: &Tensors, net: LpipsNet) -> Result<u64, ConvertError> {
+fn save(out: &Path, all: &TensorsToWrite, net: LpipsNet) -> Result<u64, ConvertError> {
     let io = |source| TensorFileError::Io { path: out.into(), source };
     let mut views = Vec::new();
     for (written, bytes) in all {

@@ -24,7 +24,7 @@ impl ConvSpec {
 
 /// Convolutions up to a feature map that LPIPS reads, after an optional max pool of stride 2.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Stage {
+pub(super) struct ConvStage {
     /// Side length of the pooling window.
     pub pool: Option<usize>,
     pub convs: &'static [ConvSpec],
@@ -41,20 +41,20 @@ const fn same3(input: usize, output: usize) -> ConvSpec {
     conv(input, output, 3, 1, 1)
 }
 
-const ALEX: [Stage; 5] = [
-    Stage { pool: None, convs: &[conv(3, 64, 11, 4, 2)] },
-    Stage { pool: Some(3), convs: &[conv(64, 192, 5, 1, 2)] },
-    Stage { pool: Some(3), convs: &[same3(192, 384)] },
-    Stage { pool: None, convs: &[same3(384, 256)] },
-    Stage { pool: None, convs: &[same3(256, 256)] },
+const ALEX: [ConvStage; 5] = [
+    ConvStage { pool: None, convs: &[conv(3, 64, 11, 4, 2)] },
+    ConvStage { pool: Some(3), convs: &[conv(64, 192, 5, 1, 2)] },
+    ConvStage { pool: Some(3), convs: &[same3(192, 384)] },
+    ConvStage { pool: None, convs: &[same3(384, 256)] },
+    ConvStage { pool: None, convs: &[same3(256, 256)] },
 ];
 
-const VGG: [Stage; 5] = [
-    Stage { pool: None, convs: &[same3(3, 64), same3(64, 64)] },
-    Stage { pool: Some(2), convs: &[same3(64, 128), same3(128, 128)] },
-    Stage { pool: Some(2), convs: &[same3(128, 256), same3(256, 256), same3(256, 256)] },
-    Stage { pool: Some(2), convs: &[same3(256, 512), same3(512, 512), same3(512, 512)] },
-    Stage { pool: Some(2), convs: &[same3(512, 512), same3(512, 512), same3(512, 512)] },
+const VGG: [ConvStage; 5] = [
+    ConvStage { pool: None, convs: &[same3(3, 64), same3(64, 64)] },
+    ConvStage { pool: Some(2), convs: &[same3(64, 128), same3(128, 128)] },
+    ConvStage { pool: Some(2), convs: &[same3(128, 256), same3(256, 256), same3(256, 256)] },
+    ConvStage { pool: Some(2), convs: &[same3(256, 512), same3(512, 512), same3(512, 512)] },
+    ConvStage { pool: Some(2), convs: &[same3(512, 512), same3(512, 512), same3(512, 512)] },
 ];
 
 impl LpipsNet {
@@ -68,7 +68,7 @@ impl LpipsNet {
         self.stages().each_ref().map(|stage| [1, stage.convs.last().map_or(0, |c| c.output), 1, 1])
     }
 
-    pub(super) fn stages(self) -> &'static [Stage; 5] {
+    pub(super) fn stages(self) -> &'static [ConvStage; 5] {
         match self {
             LpipsNet::Alex => &ALEX,
             LpipsNet::Vgg => &VGG,

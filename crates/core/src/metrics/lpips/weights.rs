@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 /// A convolution's parameters on the device.
 #[derive(Debug, Clone)]
-pub(super) struct Conv {
+pub(super) struct LpipsConv {
     pub spec: ConvSpec,
     /// `[output, input, kernel, kernel]`.
     pub weight: Tensor<4>,
@@ -19,20 +19,20 @@ pub(super) struct Conv {
 
 /// All parameters of a net, by stage.
 #[derive(Debug, Clone)]
-pub(super) struct Weights {
+pub(super) struct LpipsWeights {
     pub net: LpipsNet,
-    pub convs: Vec<Vec<Conv>>,
+    pub convs: Vec<Vec<LpipsConv>>,
     /// One weight per channel of each stage, `[1, C, 1, 1]`.
     pub heads: Vec<Tensor<4>>,
 }
 
 /// A parsed file with its name, for messages.
-struct Source<'a> {
+struct LpipsFile<'a> {
     path: &'a Path,
     file: SafeTensors<'a>,
 }
 
-impl Weights {
+impl LpipsWeights {
     pub(super) fn load(path: &Path, device: &Device) -> Result<Self, LpipsError> {
         let bytes = tensors::read(path).map_err(|error| match error {
             TensorFileError::Io { path, source } => LpipsError::Read { path, source },
@@ -40,14 +40,14 @@ impl Weights {
         })?;
         let file = SafeTensors::deserialize(&bytes)
             .map_err(|e| LpipsError::Damaged { path: path.to_path_buf(), reason: e.to_string() })?;
-        let source = Source { path, file };
+        let source = LpipsFile { path, file };
         let net = source.net()?;
         let mut number = 0;
-        let mut conv = |spec: &ConvSpec| -> Result<Conv, LpipsError> {
+        let mut conv = |spec: &ConvSpec| -> Result<LpipsConv, LpipsError> {
             let weight = source.tensor(&format!("net.conv{number}.weight"), spec.weight_shape(), device)?;
             let bias = source.tensor(&format!("net.conv{number}.bias"), [spec.output], device)?;
             number += 1;
-            Ok(Conv { spec: *spec, weight, bias })
+            Ok(LpipsConv { spec: *spec, weight, bias })
         };
         let (mut convs, mut heads) = (Vec::new(), Vec::new());
         for ((index, stage), shape) in net.stages().iter().enumerate().zip(net.head_shapes()) {
@@ -58,7 +58,7 @@ impl Weights {
     }
 }
 
-impl Source<'_> {
+impl LpipsFile<'_> {
     fn path(&self) -> PathBuf {
         self.path.to_path_buf()
     }

@@ -8,7 +8,7 @@ mod rule;
 
 pub use rule::{Candidates, DensificationRule, check, find_rule, rule_of};
 
-use super::due::Due;
+use super::due::DueChanges;
 use crate::config::types::{Config, PruneBy};
 use crate::model::HostGaussians;
 use crate::model::params::HostTensor;
@@ -65,7 +65,7 @@ impl Statistics {
 
     /// Returns the statistics of the Gaussians of `rows` once `due` is done. Gradients begin anew when Gaussians were added,
     /// opacities when some were pruned or opacities reset; the rest is kept.
-    pub fn renewed(&self, rows: &[Row], due: Due) -> Self {
+    pub fn renewed(&self, rows: &[RowSource], due: DueChanges) -> Self {
         let mut new = Self::new(rows.len());
         if !due.adds() {
             (new.gradient, new.views) = (gather(&self.gradient, rows, 1), gather(&self.views, rows, 1));
@@ -78,7 +78,7 @@ impl Statistics {
     }
 
     /// Returns the statistics in the order of `rows`.
-    pub fn rearranged(&self, rows: &[Row]) -> Self {
+    pub fn rearranged(&self, rows: &[RowSource]) -> Self {
         let [gradient, views, opacity] = [&self.gradient, &self.views, &self.opacity].map(|v| gather(v, rows, 1));
         Self { gradient, views, opacity }
     }
@@ -111,7 +111,7 @@ impl Statistics {
 
 /// Source of a row of the new arrays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Row {
+pub enum RowSource {
     /// An old Gaussian, with its moments.
     Keep(usize),
     /// A copy of an old Gaussian, with moments of zero.
@@ -122,7 +122,7 @@ pub enum Row {
     Share(usize),
 }
 
-impl Row {
+impl RowSource {
     /// Returns the index of the old Gaussian.
     pub fn source(self) -> usize {
         let (Self::Keep(i) | Self::Clone(i) | Self::Half(i) | Self::Share(i)) = self;
@@ -133,13 +133,13 @@ impl Row {
 /// Plans the rows of the new arrays after `step` from the statistics, `opacity_logits` `[N]` and `log_scales` `[N, 3]`.
 pub fn plan(
     step: usize,
-    due: Due,
+    due: DueChanges,
     statistics: &Statistics,
     opacity_logits: &[f32],
     log_scales: &[f32],
     config: &Config,
     extent: f64,
-) -> Vec<Row> {
+) -> Vec<RowSource> {
     let d = &config.densify;
     let n = opacity_logits.len();
     let opacities: Vec<f32> = match d.prune_by {
@@ -163,15 +163,15 @@ fn is_above(fraction: f64, extent: f64, log_scales: &[f32]) -> impl Fn(usize) ->
 }
 
 /// Gathers rows of a row-major array with `width` columns.
-pub fn gather(values: &[f32], rows: &[Row], width: usize) -> Vec<f32> {
+pub fn gather(values: &[f32], rows: &[RowSource], width: usize) -> Vec<f32> {
     rows.iter().flat_map(|r| &values[width * r.source()..][..width]).copied().collect()
 }
 
 /// Gathers rows of an optimiser moment; zero for new Gaussians.
-pub fn gather_moments(values: &[f32], rows: &[Row], width: usize) -> Vec<f32> {
+pub fn gather_moments(values: &[f32], rows: &[RowSource], width: usize) -> Vec<f32> {
     let mut out = vec![0.0; rows.len() * width];
     for (target, row) in out.chunks_exact_mut(width).zip(rows) {
-        if let Row::Keep(i) = row {
+        if let RowSource::Keep(i) = row {
             target.copy_from_slice(&values[width * i..][..width]);
         }
     }
@@ -180,19 +180,19 @@ pub fn gather_moments(values: &[f32], rows: &[Row], width: usize) -> Vec<f32> {
 
 /// Returns the new attributes. Halves are drawn from their parent's distribution and are 1.6 times smaller (3DGS); shares
 /// together look nearly like their parent, see `relocate`.
-pub fn apply(rows: &[Row], g: &HostGaussians, seed: u64, step: usize) -> HostGaussians {
+pub fn apply(rows: &[RowSource], g: &HostGaussians, seed: u64, step: usize) -> HostGaussians {
     let mut out = g.map(|column| column.gather(rows.iter().map(|row| row.source())));
     relocate::share(rows, &mut out);
     let mut rng = Rng::new(seed, step as u64, Purpose::Split);
     for (j, row) in rows.iter().enumerate() {
         let by = match row {
-            Row::Half(_) => 1.0,
-            Row::Share(_) => relocate::APART,
-            Row::Keep(_) | Row::Clone(_) => continue,
+            RowSource::Half(_) => 1.0,
+            RowSource::Share(_) => relocate::APART,
+            RowSource::Keep(_) | RowSource::Clone(_) => continue,
         };
         let offset = by * offset(&out, j, &mut rng);
         (0..3).for_each(|k| out.means[3 * j + k] += offset[k]);
-        if matches!(row, Row::Half(_)) {
+        if matches!(row, RowSource::Half(_)) {
             out.log_scales[3 * j..][..3].iter_mut().for_each(|s| *s -= 1.6f32.ln());
         }
     }
@@ -230,18 +230,28 @@ mod tests {
         Statistics { gradient: (0..n).map(|i| (i + 1) as f32).collect(), views: vec![1.0; n], opacity: vec![0.5; n] }
     }
 
-    fn planned(due: Due, s: &Statistics, g: &HostGaussians, config: &Config) -> Vec<Row> {
+    fn planned(due: DueChanges, s: &Statistics, g: &HostGaussians, config: &Config) -> Vec<RowSource> {
         plan(7, due, s, &g.opacity_logits, &g.log_scales, config, 4.0)
     }
 
     #[test]
     fn growth_reaches_the_target_exactly_and_takes_the_largest_gradients() {
         let g = gaussians(10);
-        let due = Due { grow_to: Some(13), ..Due::default() };
+        let due = DueChanges { grow_to: Some(13), ..DueChanges::default() };
         let rows = planned(due, &statistics(10), &g, &preset("best").unwrap());
         assert_eq!(rows.len(), 13);
         // 7, 8 and 9 have the largest gradients; odd ones are large and are split, 8 is cloned
-        assert_eq!(rows[7..], [Row::Half(7), Row::Keep(8), Row::Half(9), Row::Half(7), Row::Clone(8), Row::Half(9)]);
+        assert_eq!(
+            rows[7..],
+            [
+                RowSource::Half(7),
+                RowSource::Keep(8),
+                RowSource::Half(9),
+                RowSource::Half(7),
+                RowSource::Clone(8),
+                RowSource::Half(9)
+            ]
+        );
         let out = apply(&rows, &g, 1, 2);
         assert_eq!(out.means[3 * 11..3 * 12], g.means[24..27]);
         assert!((out.log_scales[3 * 12] + 1.6f32.ln()).abs() < 1e-6);
@@ -253,7 +263,7 @@ mod tests {
     fn pruning_makes_room_and_never_empties_the_scene() {
         let mut s = statistics(6);
         s.opacity[5] = 0.001;
-        let due = Due { grow_to: Some(6), prune: true, ..Due::default() };
+        let due = DueChanges { grow_to: Some(6), prune: true, ..DueChanges::default() };
         let rows = planned(due, &s, &gaussians(6), &preset("best").unwrap());
         assert_eq!(rows.len(), 6);
         assert!(rows.iter().all(|r| r.source() != 5));
@@ -264,16 +274,16 @@ mod tests {
     #[test]
     fn gradients_are_gathered_until_gaussians_are_added_and_opacities_until_some_are_pruned() {
         let s = statistics(3);
-        let rows = [Row::Keep(0), Row::Keep(2)];
-        let pruned = s.renewed(&rows, Due { prune: true, ..Due::default() });
+        let rows = [RowSource::Keep(0), RowSource::Keep(2)];
+        let pruned = s.renewed(&rows, DueChanges { prune: true, ..DueChanges::default() });
         assert_eq!((&pruned.gradient[..], &pruned.views[..]), (&[1.0, 3.0][..], &[1.0; 2][..]));
         assert_eq!(pruned.opacity, [0.0; 2]);
-        let reset = s.renewed(&[0, 1, 2].map(Row::Keep), Due { reset: true, ..Due::default() });
+        let reset = s.renewed(&[0, 1, 2].map(RowSource::Keep), DueChanges { reset: true, ..DueChanges::default() });
         assert_eq!((reset.gradient, reset.opacity), (s.gradient.clone(), vec![0.0; 3]));
         // what is shared no longer has the opacity of the whole: 1 - sqrt(1 - 0.75)
-        let rows = [Row::Share(0), Row::Keep(2), Row::Share(0)];
+        let rows = [RowSource::Share(0), RowSource::Keep(2), RowSource::Share(0)];
         let whole = Statistics { opacity: vec![0.75, 0.5, 0.5], ..s };
-        let added = whole.renewed(&rows, Due { grow_to: Some(3), ..Due::default() });
+        let added = whole.renewed(&rows, DueChanges { grow_to: Some(3), ..DueChanges::default() });
         assert_eq!((added.gradient, added.views), (vec![0.0; 3], vec![0.0; 3]));
         assert_eq!(added.opacity, [0.5; 3]);
     }
@@ -281,17 +291,17 @@ mod tests {
     #[test]
     fn current_opacity_and_size_decide_where_configured() {
         let (mut config, mut g, s) = (preset("best").unwrap(), gaussians(6), statistics(6));
-        let kept = |config: &Config, g: &HostGaussians, due: Due| -> Vec<usize> {
-            planned(due, &s, g, config).into_iter().map(Row::source).collect()
+        let kept = |config: &Config, g: &HostGaussians, due: DueChanges| -> Vec<usize> {
+            planned(due, &s, g, config).into_iter().map(RowSource::source).collect()
         };
         g.opacity_logits[2] = -6.0; // 0.0025; its largest so far is 0.5
-        let due = Due { prune: true, ..Due::default() };
+        let due = DueChanges { prune: true, ..DueChanges::default() };
         assert_eq!(kept(&config, &g, due), [0, 1, 2, 3, 4, 5]);
         config.densify.prune_by = PruneBy::Present;
         assert_eq!(kept(&config, &g, due), [0, 1, 3, 4, 5]);
         // odd ones have a standard deviation of 1: below 0.3 of the extent, above 0.2
         config.densify.prune_size = 0.3;
-        let due = Due { prune_large: true, ..Due::default() };
+        let due = DueChanges { prune_large: true, ..DueChanges::default() };
         assert_eq!(kept(&config, &g, due), [0, 1, 2, 3, 4, 5]);
         config.densify.prune_size = 0.2;
         assert_eq!(kept(&config, &g, due), [0, 2, 4]);
@@ -302,14 +312,17 @@ mod tests {
         let (mut config, mut s, mut g) = (preset("best").unwrap(), statistics(6), gaussians(6));
         config.densify.mode = "relocate".into();
         (s.opacity[5], g.opacity_logits[2]) = (0.001, 3.0);
-        let planned = |due: Due| planned(due, &s, &g, &config);
-        assert_eq!(planned(Due::default()), (0..6).map(Row::Keep).collect::<Vec<_>>());
-        for due in [Due { prune: true, ..Due::default() }, Due { prune: true, grow_to: Some(3), ..Due::default() }] {
+        let planned = |due: DueChanges| planned(due, &s, &g, &config);
+        assert_eq!(planned(DueChanges::default()), (0..6).map(RowSource::Keep).collect::<Vec<_>>());
+        for due in [
+            DueChanges { prune: true, ..DueChanges::default() },
+            DueChanges { prune: true, grow_to: Some(3), ..DueChanges::default() },
+        ] {
             let rows = planned(due);
             assert!(rows.len() == 6 && rows.iter().all(|r| r.source() != 5), "{rows:?}");
-            assert_eq!(rows.iter().filter(|r| matches!(r, Row::Share(_))).count(), 2, "one and its copy");
+            assert_eq!(rows.iter().filter(|r| matches!(r, RowSource::Share(_))).count(), 2, "one and its copy");
         }
-        let rows = planned(Due { grow_to: Some(9), ..Due::default() });
+        let rows = planned(DueChanges { grow_to: Some(9), ..DueChanges::default() });
         assert_eq!(rows.len(), 9);
         // shares move apart, by less than their size; the others stay
         let out = apply(&rows, &g, 1, 2);
@@ -317,20 +330,20 @@ mod tests {
             let (place, before) = (&out.means[3 * j..][..3], &g.means[3 * row.source()..][..3]);
             let moved = (0..3).map(|k| (place[k] - before[k]).abs()).fold(0.0, f32::max);
             match row {
-                Row::Share(_) => assert!(moved > 0.0 && moved < 1.5 * out.log_scales[3 * j].exp(), "{moved}"),
+                RowSource::Share(_) => assert!(moved > 0.0 && moved < 1.5 * out.log_scales[3 * j].exp(), "{moved}"),
                 _ => assert_eq!(moved, 0.0),
             }
         }
         assert_eq!(
             gather_moments(&[1.0; 6], &rows, 1).iter().filter(|m| **m == 1.0).count(),
-            rows.iter().filter(|r| matches!(r, Row::Keep(_))).count()
+            rows.iter().filter(|r| matches!(r, RowSource::Keep(_))).count()
         );
     }
 
     #[test]
     fn above_the_budget_none_are_added_and_none_removed() {
-        let due = Due { grow_to: Some(4), ..Due::default() };
+        let due = DueChanges { grow_to: Some(4), ..DueChanges::default() };
         let rows = planned(due, &statistics(6), &gaussians(6), &preset("best").unwrap());
-        assert_eq!(rows, (0..6).map(Row::Keep).collect::<Vec<_>>());
+        assert_eq!(rows, (0..6).map(RowSource::Keep).collect::<Vec<_>>());
     }
 }

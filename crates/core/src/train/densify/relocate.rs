@@ -5,7 +5,7 @@
 //! may be transparent at one time and opaque at another. In its place a Gaussian and its copies are moved [`APART`], once:
 //! coinciding ones get nearly the same gradients, and most would never separate.
 
-use super::{Candidates, DensificationRule, Row};
+use super::{Candidates, DensificationRule, RowSource};
 use crate::config::types::Config;
 use crate::model::HostGaussians;
 use crate::rng::{Purpose, Rng};
@@ -25,7 +25,7 @@ const LIMIT: f64 = 1e-7;
 pub(super) struct Relocate;
 
 impl DensificationRule for Relocate {
-    fn plan(&self, seen: &Candidates<'_>) -> Vec<Row> {
+    fn plan(&self, seen: &Candidates<'_>) -> Vec<RowSource> {
         let wanted = seen.target.unwrap_or(0).max(seen.count) - seen.alive.len();
         let mut rng = Rng::new(seen.config.seed, seen.step as u64, Purpose::Relocation);
         plan(seen.alive, |i| seen.opacities[i], wanted, &mut rng)
@@ -43,7 +43,7 @@ impl DensificationRule for Relocate {
 
 /// Plans the rows of the new arrays: those of `alive`, and `wanted` copies of them, drawn with replacement in proportion to
 /// `opacity`. Nothing is copied if all are transparent.
-fn plan(alive: &[usize], opacity: impl Fn(usize) -> f32, wanted: usize, rng: &mut Rng) -> Vec<Row> {
+fn plan(alive: &[usize], opacity: impl Fn(usize) -> f32, wanted: usize, rng: &mut Rng) -> Vec<RowSource> {
     let mut total = 0.0;
     let until: Vec<f64> = alive
         .iter()
@@ -59,20 +59,20 @@ fn plan(alive: &[usize], opacity: impl Fn(usize) -> f32, wanted: usize, rng: &mu
             copies[until.partition_point(|sum| *sum <= at).min(alive.len() - 1)] += 1;
         }
     }
-    let row = |(&i, &n): (&usize, &usize)| if n > 0 { Row::Share(i) } else { Row::Keep(i) };
-    let mut rows: Vec<Row> = alive.iter().zip(&copies).map(row).collect();
-    rows.extend(alive.iter().zip(&copies).flat_map(|(&i, &n)| std::iter::repeat_n(Row::Share(i), n)));
+    let row = |(&i, &n): (&usize, &usize)| if n > 0 { RowSource::Share(i) } else { RowSource::Keep(i) };
+    let mut rows: Vec<RowSource> = alive.iter().zip(&copies).map(row).collect();
+    rows.extend(alive.iter().zip(&copies).flat_map(|(&i, &n)| std::iter::repeat_n(RowSource::Share(i), n)));
     rows
 }
 
 /// Sets opacity and size of each Gaussian's shares so that together, at its position, they look like it (equation 9 of the
 /// publication). `gaussians` are gathered by `rows`.
-pub(super) fn share(rows: &[Row], gaussians: &mut HostGaussians) {
+pub(super) fn share(rows: &[RowSource], gaussians: &mut HostGaussians) {
     let counts = counts(rows);
     // the shares of one Gaussian are equal, so each source is computed once: logit, and change of the log-scales
     let mut changes: BTreeMap<usize, (f32, f32)> = BTreeMap::new();
     for (j, row) in rows.iter().enumerate() {
-        let Row::Share(i) = row else { continue };
+        let RowSource::Share(i) = row else { continue };
         let (logit, smaller) = *changes.entry(*i).or_insert_with(|| {
             let (opacity, factor) = shared(sigmoid_f64(f64::from(gaussians.opacity_logits[j])), counts[i]);
             (logit_f64(opacity.clamp(LIMIT, 1.0 - LIMIT)) as f32, factor.ln() as f32)
@@ -84,20 +84,20 @@ pub(super) fn share(rows: &[Row], gaussians: &mut HostGaussians) {
 
 /// Lowers the largest opacities `[N]` of each Gaussian's shares likewise, so that what was copied is not copied again for
 /// the opacity that it no longer has.
-pub(super) fn share_opacities(rows: &[Row], opacities: &mut [f32]) {
+pub(super) fn share_opacities(rows: &[RowSource], opacities: &mut [f32]) {
     let counts = counts(rows);
     for (row, opacity) in rows.iter().zip(opacities) {
-        if let Row::Share(i) = row {
+        if let RowSource::Share(i) = row {
             *opacity = each(f64::from(*opacity), counts[i]) as f32;
         }
     }
 }
 
 /// Returns the number of shares of each Gaussian that is shared.
-fn counts(rows: &[Row]) -> BTreeMap<usize, usize> {
+fn counts(rows: &[RowSource]) -> BTreeMap<usize, usize> {
     let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
     for row in rows {
-        if let Row::Share(i) = row {
+        if let RowSource::Share(i) = row {
             *counts.entry(*i).or_default() += 1;
         }
     }
@@ -141,12 +141,16 @@ mod tests {
     fn copies_are_drawn_in_proportion_to_opacity() {
         let opacities = [0.0, 0.9, 0.3, f32::NAN, 0.0];
         let rows = plan(&[0, 1, 2, 4], |i| opacities[i], 4000, &mut rng());
-        assert_eq!(rows[..4], [Row::Keep(0), Row::Share(1), Row::Share(2), Row::Keep(4)]);
-        let of = |i: usize| rows[4..].iter().filter(|r| **r == Row::Share(i)).count();
+        assert_eq!(rows[..4], [RowSource::Keep(0), RowSource::Share(1), RowSource::Share(2), RowSource::Keep(4)]);
+        let of = |i: usize| rows[4..].iter().filter(|r| **r == RowSource::Share(i)).count();
         assert_eq!(of(1) + of(2), 4000);
         assert!((2900..3100).contains(&of(1)), "{}", of(1));
         assert_eq!(rows, plan(&[0, 1, 2, 4], |i| opacities[i], 4000, &mut rng()), "the same for one seed and step");
-        assert_eq!(plan(&[0, 4], |i| opacities[i], 3, &mut rng()), [Row::Keep(0), Row::Keep(4)], "nothing to copy");
+        assert_eq!(
+            plan(&[0, 4], |i| opacities[i], 3, &mut rng()),
+            [RowSource::Keep(0), RowSource::Keep(4)],
+            "nothing to copy"
+        );
         assert_eq!(plan(&[], |_| 1.0, 3, &mut rng()), []);
     }
 
@@ -174,7 +178,7 @@ mod tests {
 
     #[test]
     fn kept_rows_stay_as_they_are() {
-        let rows = [Row::Keep(0), Row::Share(1), Row::Share(1)];
+        let rows = [RowSource::Keep(0), RowSource::Share(1), RowSource::Share(1)];
         let mut g = HostGaussians {
             log_scales: [[-2.0; 3], [-1.0; 3], [-1.0; 3]].concat(),
             opacity_logits: vec![0.5, 2.0, 2.0],

@@ -1,10 +1,10 @@
 //! Rules of densification: how many Gaussians there are to be, and which are copied or split for it. To add a built-in one,
 //! write a file here with a [`DensificationRule`], and a line in [`RULES`].
 
-use super::{RULES, Row, Statistics, is_above};
+use super::{RULES, RowSource, Statistics, is_above};
 use crate::config::types::{Config, DensifyConfig};
 use crate::registry::NotRegistered;
-use crate::train::due::Span;
+use crate::train::due::StepSpan;
 use crate::train::schedule::Stage;
 
 /// A rule of densification. What is removed, and at which steps either happens, is the same for all.
@@ -15,14 +15,15 @@ pub trait DensificationRule: Send + Sync {
         Some(line)
     }
 
-    /// Plans the new Gaussians: those that are kept, each as [`Row::Keep`] or part of what replaces it, and the added ones.
-    fn plan(&self, seen: &Candidates<'_>) -> Vec<Row>;
+    /// Plans the new Gaussians: those that are kept, each as [`RowSource::Keep`] or part of what replaces it, and the
+    /// added ones.
+    fn plan(&self, seen: &Candidates<'_>) -> Vec<RowSource>;
 
     /// Returns an upper bound of the number of Gaussians during a training. By default their number at most doubles each
     /// time some are added, and stays within `densify.budget`.
     fn max_gaussians(&self, config: &Config) -> u128 {
         let (start, d) = (config.init.points as u128, &config.densify);
-        let [warmup, joint] = Span::per_stage(config).map(|span| span.steps() / d.every.max(1));
+        let [warmup, joint] = StepSpan::per_stage(config).map(|span| span.steps() / d.every.max(1));
         let times = warmup.saturating_add(joint).saturating_add(2);
         let doubled = start.saturating_mul(1u128.checked_shl(times.min(64) as u32).unwrap_or(u128::MAX));
         doubled.min(d.max_budget()).max(start)
@@ -33,7 +34,7 @@ pub trait DensificationRule: Send + Sync {
         true
     }
 
-    /// Whether it plans [`Row::Share`], which needs Gaussians whose opacity does not vary over time by itself.
+    /// Whether it plans [`RowSource::Share`], which needs Gaussians whose opacity does not vary over time by itself.
     fn shares_opacity(&self) -> bool {
         false
     }
@@ -73,7 +74,7 @@ pub struct Candidates<'a> {
 impl Candidates<'_> {
     /// Plans to copy those with the largest gradients above `threshold`, up to the target: large ones are split, small ones
     /// cloned.
-    pub fn largest_gradients(&self, threshold: f32) -> Vec<Row> {
+    pub fn largest_gradients(&self, threshold: f32) -> Vec<RowSource> {
         let score = |i: usize| self.statistics.score(i);
         let wanted = self.target.map_or(0, |target| target.saturating_sub(self.alive.len()));
         let mut chosen: Vec<usize> = self.alive.iter().copied().filter(|&i| score(i) > threshold).collect();
@@ -82,13 +83,13 @@ impl Candidates<'_> {
         chosen.sort_unstable();
 
         let is_large = is_above(self.config.densify.split_above, self.extent, self.log_scales);
-        let mut rows: Vec<Row> = Vec::with_capacity(self.alive.len() + chosen.len());
+        let mut rows: Vec<RowSource> = Vec::with_capacity(self.alive.len() + chosen.len());
         let mut next = chosen.iter().copied().peekable();
         for &i in self.alive {
             let selected = next.next_if_eq(&i).is_some();
-            rows.push(if selected && is_large(i) { Row::Half(i) } else { Row::Keep(i) });
+            rows.push(if selected && is_large(i) { RowSource::Half(i) } else { RowSource::Keep(i) });
         }
-        rows.extend(chosen.into_iter().map(|i| if is_large(i) { Row::Half(i) } else { Row::Clone(i) }));
+        rows.extend(chosen.into_iter().map(|i| if is_large(i) { RowSource::Half(i) } else { RowSource::Clone(i) }));
         rows
     }
 }
@@ -97,7 +98,7 @@ impl Candidates<'_> {
 pub(super) struct Budget;
 
 impl DensificationRule for Budget {
-    fn plan(&self, seen: &Candidates<'_>) -> Vec<Row> {
+    fn plan(&self, seen: &Candidates<'_>) -> Vec<RowSource> {
         seen.largest_gradients(0.0)
     }
 }
@@ -110,7 +111,7 @@ impl DensificationRule for Threshold {
         Some(if stage.is_joint() { densify.budget } else { densify.warmup_limit() })
     }
 
-    fn plan(&self, seen: &Candidates<'_>) -> Vec<Row> {
+    fn plan(&self, seen: &Candidates<'_>) -> Vec<RowSource> {
         seen.largest_gradients(seen.config.densify.threshold as f32)
     }
 }
@@ -123,8 +124,8 @@ impl DensificationRule for Off {
         None
     }
 
-    fn plan(&self, seen: &Candidates<'_>) -> Vec<Row> {
-        seen.alive.iter().copied().map(Row::Keep).collect()
+    fn plan(&self, seen: &Candidates<'_>) -> Vec<RowSource> {
+        seen.alive.iter().copied().map(RowSource::Keep).collect()
     }
 
     fn max_gaussians(&self, config: &Config) -> u128 {

@@ -37,8 +37,8 @@ pub fn smoothness(encoder: &Encoder, config: &LossConfig) -> Option<Tensor<1>> {
         one_prior_space: config.one_prior as f32,
         one_prior_time: config.one_prior as f32,
         reduction: match config.tv_reduction {
-            TvReduction::Mean => tv::TvReduction::Mean,
-            TvReduction::Sum => tv::TvReduction::Sum,
+            TvReduction::Mean => tv::DifferenceReduction::Mean,
+            TvReduction::Sum => tv::DifferenceReduction::Sum,
         },
     };
     let any = config.tv > 0.0 || config.tv_time > 0.0 || config.one_prior > 0.0;

@@ -1,12 +1,12 @@
 //! How a run begins: its folder, its lock, the checkpoint that it continues from.
 
-use super::{RunContext, Start};
+use super::{RunContext, RunStart};
 use crate::data::Dataset;
-use crate::files::{LockError, RunLock, RunPaths, Work};
+use crate::files::{LockDuration, LockError, RunLock, RunPaths};
 use crate::log::jsonl::truncate_after;
 use crate::shell;
 use crate::train::checkpoint::{self, CheckpointError};
-use crate::train::resume::Change;
+use crate::train::resume::ChangedKey;
 use crate::train::{TrainError, Training};
 use std::path::{Path, PathBuf};
 
@@ -28,7 +28,7 @@ pub(super) struct Beginning {
     /// Seconds of training before.
     pub(super) seconds: f64,
     /// Keys that were changed on resuming.
-    pub(super) changes: Vec<Change>,
+    pub(super) changes: Vec<ChangedKey>,
     /// `None` if the caller holds the lock.
     _lock: Option<RunLock>,
 }
@@ -41,14 +41,14 @@ impl Beginning {
     pub(super) fn prepare(context: &RunContext<'_>, training: &mut dyn Training) -> Result<Self, TrainError> {
         let (dataset, options) = (context.dataset, context.options);
         let out = &options.out;
-        if options.start == Start::New {
+        if options.start == RunStart::New {
             check_out(out).map_err(TrainError::Resume)?;
         }
         let dataset_root = root_to_record(dataset)?;
         std::fs::create_dir_all(out).map_err(TrainError::in_file(out))?;
         let lock = match context.lock {
             Some(_) => None,
-            None => Some(RunLock::acquire(out, &options.command, Work::Long)?),
+            None => Some(RunLock::acquire(out, &options.command, LockDuration::Long)?),
         };
         let fingerprint = dataset.fingerprint();
         let (steps, seconds, changes) = (training.steps_done(), 0.0, Vec::new());
@@ -90,23 +90,23 @@ impl Beginning {
 /// If another process writes into the run.
 pub fn lock_existing(out: &Path, command: &str) -> Result<Option<RunLock>, LockError> {
     // only where a run exists: no lock file is left in a folder that is then refused
-    RunPaths(out).record().is_file().then(|| RunLock::acquire(out, command, Work::Long)).transpose()
+    RunPaths(out).record().is_file().then(|| RunLock::acquire(out, command, LockDuration::Long)).transpose()
 }
 
 /// Returns the checkpoint to start from, if any.
-fn checkpoint_to_start_from(out: &Path, start: &Start) -> Result<Option<PathBuf>, CheckpointError> {
+fn checkpoint_to_start_from(out: &Path, start: &RunStart) -> Result<Option<PathBuf>, CheckpointError> {
     match (start, checkpoint::newest(out)) {
-        (Start::ResumeFrom(path), _) => Ok(Some(path.clone())),
+        (RunStart::ResumeFrom(path), _) => Ok(Some(path.clone())),
         (_, Err(error)) => Err(error),
-        (Start::Resume, Ok(None)) => Err(CheckpointError::None { run: out.into() }),
-        (Start::New, Ok(Some(_))) => {
+        (RunStart::Resume, Ok(None)) => Err(CheckpointError::None { run: out.into() }),
+        (RunStart::New, Ok(Some(_))) => {
             let reason = format!(
                 "holds checkpoints of a run; continue with `volseggs train --resume {}`, or choose another --out",
                 shell::path(out)
             );
             Err(CheckpointError::File { path: out.into(), reason })
         }
-        (Start::New | Start::Resume | Start::NewOrResume, Ok(newest)) => Ok(newest),
+        (RunStart::New | RunStart::Resume | RunStart::NewOrResume, Ok(newest)) => Ok(newest),
     }
 }
 

@@ -4,7 +4,7 @@ use super::beginning::Beginning;
 use super::clock::RunClock;
 use super::{RunOptions, TakenStep};
 use crate::config::types::Config;
-use crate::train::checkpoint::{self, State};
+use crate::train::checkpoint::{self, CheckpointState};
 use crate::train::resume::AVERAGE;
 use crate::train::{TrainError, Training};
 use std::path::Path;
@@ -70,7 +70,7 @@ impl<'a> Checkpointer<'a> {
     }
 
     fn save(&self, training: &dyn Training, clock: &RunClock) -> Result<(), TrainError> {
-        let state = State {
+        let state = CheckpointState {
             step: training.steps_done(),
             initial: training.first_primitives(),
             dataset: self.fingerprint.to_owned(),

@@ -12,7 +12,7 @@ static NEVER: AtomicBool = AtomicBool::new(false);
 
 /// How a run begins.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Start {
+pub enum RunStart {
     /// From the first step; a folder that holds checkpoints is refused.
     New,
     /// From the newest checkpoint; a folder without one is refused.
@@ -29,7 +29,7 @@ pub struct RunOptions {
     /// Folder of the run.
     pub out: PathBuf,
     /// From the first step or from a checkpoint.
-    pub start: Start,
+    pub start: RunStart,
     /// The command as it was called, reported to others who find the run locked.
     pub command: String,
     /// The resolved configuration as TOML, kept beside the results.

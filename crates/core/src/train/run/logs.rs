@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 /// A line of `metrics.jsonl`.
 #[derive(Serialize)]
-struct Line {
+struct MetricsLine {
     step: usize,
     seconds: f64,
     stage: &'static str,
@@ -83,7 +83,7 @@ impl TrainingLogs {
         if !step.is_due(self.log_every) && !step.is_due(self.eval_every) {
             return Ok(());
         }
-        let line = Line::new(&step.report, &self.times.take(), step.clock.seconds(), test_psnr);
+        let line = MetricsLine::new(&step.report, &self.times.take(), step.clock.seconds(), test_psnr);
         self.metrics.append(&line)?;
         line.write_events(&mut self.events).map_err(TrainError::in_file(&self.events_path))
     }
@@ -105,7 +105,7 @@ impl TrainingLogs {
     }
 }
 
-impl Line {
+impl MetricsLine {
     /// Returns the line of a step, with the mean times `t` of the steps since the line before.
     fn new(report: &StepReport, t: &StepTimes, seconds: f64, test_psnr: Option<f64>) -> Self {
         let ms = |d: std::time::Duration| (d.as_secs_f64() * 1e5).round() / 100.0;

@@ -18,7 +18,7 @@ mod test_views;
 
 pub use super::record::RunRecord;
 pub use beginning::lock_existing;
-pub use context::{RunContext, RunOptions, Start};
+pub use context::{RunContext, RunOptions, RunStart};
 pub use stop::StopReason;
 pub use test_views::mean_psnr;
 

@@ -2,7 +2,7 @@
 
 use super::clock::RunClock;
 use super::progress::ProgressReporter;
-use crate::train::observer::{Next, Observer, RunProgress};
+use crate::train::observer::{Observer, RunProgress, TrainingAction};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -21,12 +21,12 @@ impl Pauses<'_> {
     /// requested. `clock` excludes the pause; there is none after the last step.
     pub(super) fn wait(&mut self, now: &RunProgress<'_>, clock: &mut RunClock, progress: &ProgressReporter) {
         let Some(observer) = &mut self.observer else { return };
-        if observer.on_step(now) == Next::Continue || now.steps >= now.until {
+        if observer.on_step(now) == TrainingAction::Continue || now.steps >= now.until {
             return;
         }
         progress.pause_begins(now.steps);
         let began = Instant::now();
-        while !self.stop.load(Ordering::Relaxed) && observer.on_step(now) == Next::Pause {
+        while !self.stop.load(Ordering::Relaxed) && observer.on_step(now) == TrainingAction::Pause {
             std::thread::sleep(POLL);
         }
         clock.exclude(began.elapsed());

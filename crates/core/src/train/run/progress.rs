@@ -1,7 +1,7 @@
 //! Progress of a run on standard error.
 
 use super::TakenStep;
-use crate::log::progress::{Lines, step_bar};
+use crate::log::progress::{ProgressLines, step_bar};
 use indicatif::ProgressBar;
 use std::io::IsTerminal;
 
@@ -10,7 +10,7 @@ use std::io::IsTerminal;
 pub(super) struct ProgressReporter {
     /// Created at the first step: an observer may print before it.
     bar: Option<ProgressBar>,
-    lines: Lines,
+    lines: ProgressLines,
     on_terminal: bool,
     /// Steps taken before this process.
     first: usize,
@@ -26,7 +26,15 @@ impl ProgressReporter {
     /// Returns the progress of a training of `total` steps, from step `first` up to `limit` in this process.
     pub(super) fn new(first: usize, limit: usize, total: usize, eval_every: usize) -> Self {
         let on_terminal = std::io::stderr().is_terminal();
-        Self { bar: None, lines: Lines::new(first, limit), on_terminal, first, total, eval_every, train_psnr: None }
+        Self {
+            bar: None,
+            lines: ProgressLines::new(first, limit),
+            on_terminal,
+            first,
+            total,
+            eval_every,
+            train_psnr: None,
+        }
     }
 
     /// Shows the bar.

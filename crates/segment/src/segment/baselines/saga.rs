@@ -29,7 +29,7 @@ use crate::points::PointsError;
 use crate::rng::{Purpose, Rng};
 use crate::segment::fine::views::FineView;
 pub use model::SagaModel;
-use step::Trainer;
+use step::SagaTrainer;
 
 /// Options of [`train`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -107,7 +107,7 @@ pub fn train(
     if views.is_empty() {
         return Err(SagaError::NoMasks);
     }
-    let mut trainer = Trainer::new(views, means, options)?;
+    let mut trainer = SagaTrainer::new(views, means, options)?;
     for step in 0..options.steps {
         let mut rng = Rng::new(options.seed, step as u64 + 1, Purpose::GaussianFeatures);
         let view = rng.below(views.len());

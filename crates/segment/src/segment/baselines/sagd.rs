@@ -19,17 +19,17 @@ mod cut;
 mod tests;
 
 use crate::model::HostGaussians;
-use crate::points::neighbours::Grid;
+use crate::points::neighbours::NeighbourGrid;
 use crate::segment::masks::Mask;
 use rayon::prelude::*;
-use volseggs_kernels::Camera;
+use volseggs_kernels::PinholeCamera;
 use volseggs_kernels::splat::NEAR;
 
 /// A view and its masks.
 #[derive(Clone, Debug)]
 pub struct SagdView {
     /// The camera.
-    pub camera: Camera,
+    pub camera: PinholeCamera,
     /// Masks of the camera's image, of its size.
     pub masks: Vec<Mask>,
 }
@@ -122,7 +122,8 @@ pub fn segment(
         }
     }
     let prompt = prompt(&at.means, clicked, options.neighbours);
-    let chosen: Vec<Chosen<'_>> = views.par_iter().filter_map(|v| Chosen::find(v, &prompt, options.choice)).collect();
+    let chosen: Vec<ChosenView<'_>> =
+        views.par_iter().filter_map(|v| ChosenView::find(v, &prompt, options.choice)).collect();
     let keep: Vec<bool> = at
         .means
         .par_chunks_exact(3)
@@ -150,18 +151,18 @@ fn prompt(means: &[f32], clicked: u32, neighbours: usize) -> Vec<[f32; 3]> {
     if !centre.iter().all(|v| v.is_finite()) {
         return Vec::new();
     }
-    let found = Grid::adaptive(means).map(|grid| grid.nearest(centre, neighbours, Some(clicked)));
+    let found = NeighbourGrid::adaptive(means).map(|grid| grid.nearest(centre, neighbours, Some(clicked)));
     std::iter::once(centre).chain(found.into_iter().flatten().map(|(i, _)| place(i))).collect()
 }
 
 /// A view with the mask chosen by the prompt.
-struct Chosen<'a> {
-    camera: &'a Camera,
+struct ChosenView<'a> {
+    camera: &'a PinholeCamera,
     /// `[height, width]`
     set: Vec<bool>,
 }
 
-impl<'a> Chosen<'a> {
+impl<'a> ChosenView<'a> {
     /// Chooses the mask of a view; `None` if no mask covers any point of the prompt.
     fn find(view: &'a SagdView, prompt: &[[f32; 3]], choice: MaskChoice) -> Option<Self> {
         let pixels: Vec<[u32; 2]> = prompt.iter().filter_map(|&p| pixel(&view.camera, p)).collect();
@@ -187,7 +188,7 @@ impl<'a> Chosen<'a> {
 }
 
 /// Returns the column and row of the pixel that a world position projects to; `None` off screen or not beyond [`NEAR`].
-fn pixel(camera: &Camera, p: [f32; 3]) -> Option<[u32; 2]> {
+fn pixel(camera: &PinholeCamera, p: [f32; 3]) -> Option<[u32; 2]> {
     let [x, y, z]: [f32; 3] = std::array::from_fn(|k| {
         let row = camera.rotation[k];
         row[0] * p[0] + row[1] * p[1] + row[2] * p[2] + camera.translation[k]

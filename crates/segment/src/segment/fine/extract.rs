@@ -1,6 +1,6 @@
 //! Segments from a trained affinity field: clusters of features at a scale, and cosines between features.
 
-use super::network::{AffinityField, FEATURES, Frame};
+use super::network::{AffinityField, FEATURES, PositionBox};
 use crate::points::PointsError;
 use crate::points::hdbscan::{Assignment, DensityConfig, cluster_features};
 use crate::points::kmeans::{KMeansConfig, kmeans_while};
@@ -23,7 +23,7 @@ pub enum Clustering {
 /// If an option is out of range; [`PointsError::Stopped`].
 pub fn cluster(
     field: &AffinityField,
-    frame: &Frame,
+    frame: &PositionBox,
     means: &[f32],
     scale: f32,
     clustering: Clustering,

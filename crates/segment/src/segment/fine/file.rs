@@ -1,6 +1,6 @@
 //! File format of a trained affinity field in a run folder, with the data needed to evaluate it.
 
-use super::network::{AffinityField, Frame};
+use super::network::{AffinityField, PositionBox};
 use crate::model::params;
 use crate::model::scene_file::{SceneError, read_tensors, refuse_not_finite, write_tensors};
 use crate::versioned;
@@ -15,7 +15,7 @@ const ENTRY: &str = "volseggs.affinity";
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AffinitySpec {
     /// The box that its positions are measured in.
-    pub frame: Frame,
+    pub frame: PositionBox,
     /// Time of the Gaussians that it was trained on, in [0, 1].
     pub time: f64,
     /// Fingerprint of the scene.

@@ -36,14 +36,14 @@ pub struct AffinityField {
 /// The box that positions are measured in: its longest side becomes 1 and its centre 0, so that no two positions in it
 /// have the same encoding.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Frame {
+pub struct PositionBox {
     /// Centre, scene units.
     pub centre: [f32; 3],
     /// Longest side, scene units.
     pub side: f32,
 }
 
-impl Frame {
+impl PositionBox {
     /// The box around the finite rows of `means` `[N, 3]`.
     pub fn around(means: &[f32]) -> Self {
         let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);

@@ -53,7 +53,7 @@ pub fn train(
     for step in 0..options.steps {
         let mut rng = Rng::new(seed, step as u64, Purpose::AffinitySteps);
         let view = &views[rng.below(views.len())];
-        let batch = Batch::draw(view, options, &mut rng);
+        let batch = AffinityBatch::draw(view, options, &mut rng);
         let (total, loss) = loss(&field, view, &batch, options);
         if !total.is_finite() {
             return Err(FineError::NotFinite { step, what: format!("the loss ({total})") });
@@ -72,7 +72,7 @@ pub fn train(
 }
 
 /// The data of one training step.
-struct Batch {
+struct AffinityBatch {
     /// Rows of the chosen pixels.
     pixels: Contributors,
     /// The mask of each chosen pixel.
@@ -83,7 +83,7 @@ struct Batch {
     larger: Option<Vec<f32>>,
 }
 
-impl Batch {
+impl AffinityBatch {
     fn draw(view: &FineView, options: &AffinityConfig, rng: &mut Rng) -> Self {
         let n = view.globals.len();
         let (pixels, masks, scales) = match options.mask_scale {
@@ -131,7 +131,7 @@ fn own_scales(view: &FineView, pixels: &Contributors, masks: &[u32]) -> Vec<f32>
 }
 
 /// Returns the loss of a batch, and a tensor with the same gradient with respect to the field's parameters.
-fn loss(field: &AffinityField, view: &FineView, batch: &Batch, options: &AffinityConfig) -> (f64, Tensor<1>) {
+fn loss(field: &AffinityField, view: &FineView, batch: &AffinityBatch, options: &AffinityConfig) -> (f64, Tensor<1>) {
     let n = view.encoded.len() / super::network::ENCODED;
     let term = |scales: &[f32], repulsion: Repulsion, weight: f64| {
         let features = field.forward_each(&view.encoded, scales);

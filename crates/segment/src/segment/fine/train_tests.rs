@@ -6,10 +6,10 @@ use crate::config::types::SegmentConfig;
 use crate::config::types::segment::ClickConfig;
 use crate::device::DeviceName;
 use crate::model::{HostGaussians, params};
-use crate::segment::candidates::Candidates;
+use crate::segment::candidates::ClickCandidates;
 use crate::segment::click;
 use crate::segment::fine::extract::{Clustering, cluster};
-use crate::segment::fine::network::{ENCODED, Frame};
+use crate::segment::fine::network::{ENCODED, PositionBox};
 use crate::segment::test_support::{APART, Balls, COUNT, TOUCHING, add, on_threads, rendering};
 use rayon::prelude::*;
 use volseggs_kernels::contrast::reference as contrast_reference;
@@ -47,14 +47,14 @@ fn layers(field: &AffinityField) -> Layers {
 
 /// A batch evaluated in f64 by the reference implementations of the decoder and of the contrastive loss.
 struct Exact<'a> {
-    batch: &'a Batch,
+    batch: &'a AffinityBatch,
     shape: DecoderShape,
     /// The network's inputs, the repulsion of masks and the weight of each term of the loss.
     terms: Vec<(Vec<f64>, Repulsion, f64)>,
 }
 
 impl<'a> Exact<'a> {
-    fn new(view: &FineView, batch: &'a Batch, options: &AffinityConfig, width: usize) -> Self {
+    fn new(view: &FineView, batch: &'a AffinityBatch, options: &AffinityConfig, width: usize) -> Self {
         let inputs = |scales: &[f32]| -> Vec<f64> {
             let rows = view.encoded.chunks_exact(ENCODED).zip(scales);
             rows.flat_map(|(row, scale)| row.iter().copied().chain([*scale])).map(f64::from).collect()
@@ -64,9 +64,9 @@ impl<'a> Exact<'a> {
         Self { batch, shape: DecoderShape { inputs: ENCODED + 1, width, head_sizes: vec![FEATURES] }, terms }
     }
 
-    fn params(layers: &Layers) -> decoder_reference::Params<'_> {
+    fn params(layers: &Layers) -> decoder_reference::DecoderParamsF64<'_> {
         let [w0, b0, w1, b1, w2, b2] = layers;
-        decoder_reference::Params { w0, b0, w1, b1, w2, b2 }
+        decoder_reference::DecoderParamsF64 { w0, b0, w1, b1, w2, b2 }
     }
 
     fn loss(&self, layers: &Layers) -> f64 {
@@ -119,7 +119,7 @@ fn gradients_of_all_parameters_match_difference_quotients() {
 fn gradient(view: &FineView, options: &AffinityConfig) {
     let field = AffinityField::new(2, &device().autodiff());
     // a scale at which pixels of different masks repel
-    let mut draws = (0..).map(|step| Batch::draw(view, options, &mut Rng::new(1, step, Purpose::Custom(3))));
+    let mut draws = (0..).map(|step| AffinityBatch::draw(view, options, &mut Rng::new(1, step, Purpose::Custom(3))));
     let batch = draws.find(|b| [0, 1].iter().all(|m| b.masks.contains(m))).unwrap();
     let (total, loss) = loss(&field, view, &batch, options);
     let found = loss.backward();
@@ -156,7 +156,7 @@ fn own_scales_are_those_of_the_mask_each_gaussian_contributes_most_to() {
     let (mut parted, mut joined) = (0, 0);
     for step in 0..40 {
         let view = &views[step % views.len()];
-        let batch = Batch::draw(view, &options, &mut Rng::new(1, step as u64, Purpose::Custom(3)));
+        let batch = AffinityBatch::draw(view, &options, &mut Rng::new(1, step as u64, Purpose::Custom(3)));
         for (p, mask) in batch.masks.iter().enumerate() {
             let (indices, weights) = batch.pixels.row(p);
             let most = (0..indices.len()).max_by(|a, b| weights[*a].total_cmp(&weights[*b]));
@@ -181,9 +181,9 @@ fn names_of_mask_scales_are_read() {
 /// A field trained on two balls.
 struct Trained {
     at: HostGaussians,
-    frame: Frame,
+    frame: PositionBox,
     field: AffinityField,
-    camera: volseggs_kernels::Camera,
+    camera: volseggs_kernels::PinholeCamera,
     balls: Balls,
 }
 
@@ -199,7 +199,7 @@ impl Trained {
         })
         .unwrap();
         assert!(last < 0.5 * first, "{first} -> {last}");
-        Self { frame: Frame::around(&at.means), at, field, camera: balls.views()[0].0, balls }
+        Self { frame: PositionBox::around(&at.means), at, field, camera: balls.views()[0].0, balls }
     }
 
     /// Returns the Gaussian under a click on the centre of a ball.
@@ -221,7 +221,7 @@ impl Trained {
         let clicked = self.clicked(ball);
         let all: Vec<u32> = (0..self.at.len() as u32).collect();
         let config = SegmentConfig::default();
-        let of = Candidates::new(&self.field, &self.frame, &self.at.means, &self.at, &all, &config);
+        let of = ClickCandidates::new(&self.field, &self.frame, &self.at.means, &self.at, &all, &config);
         let found = of.alike(clicked, scale, THRESHOLD);
         [iou(&found, |i| i / COUNT == ball), iou(&found, |_| true)]
     }
@@ -297,9 +297,9 @@ fn poison_is_never_selected_and_bad_input_is_refused() {
     let views = APART.prepared(&at);
     let field = train(&views, &quick(5), 0, &device(), |_, _| true).unwrap();
     let n = 2 * COUNT;
-    let (frame, all) = (Frame::around(&at.means), (0..at.len() as u32).collect::<Vec<_>>());
+    let (frame, all) = (PositionBox::around(&at.means), (0..at.len() as u32).collect::<Vec<_>>());
     let config = SegmentConfig::default();
-    let found = Candidates::new(&field, &frame, &at.means, &at, &all, &config).alike(0, 0.5, -1.0);
+    let found = ClickCandidates::new(&field, &frame, &at.means, &at, &all, &config).alike(0, 0.5, -1.0);
     assert_eq!(found[n - 1..], [true, false, false]);
     assert!(matches!(train(&[], &quick(5), 0, &device(), |_, _| true), Err(FineError::NoMasks)));
     let wild = AffinityConfig { rate: f64::NAN, ..quick(5) };

@@ -1,7 +1,7 @@
 //! Training data of the affinity field: for each view of a coarse segment alone, sampled pixels, the Gaussians that
 //! contribute to them, and the masks that cover them. The geometry is fixed, so all of it is computed once.
 
-use super::network::Frame;
+use super::network::PositionBox;
 use crate::model::{HostGaussians, Rendering, ToKernel};
 use crate::rng::{Purpose, Rng};
 use crate::segment::masks::{Mask, MaskReader, StoreError};
@@ -50,7 +50,7 @@ impl FineView {
     /// If there are more contributions than 32-bit offsets can count.
     pub fn new(
         at: &HostGaussians,
-        frame: &Frame,
+        frame: &PositionBox,
         view: &MaskedView,
         number: u64,
         seed: u64,
@@ -123,7 +123,7 @@ impl FineView {
 pub fn read_views(
     masks: &MaskReader,
     (at, rendering): (&HostGaussians, Rendering),
-    frame: &Frame,
+    frame: &PositionBox,
     members: &[Vec<u32>],
     seed: u64,
     device: &Device,

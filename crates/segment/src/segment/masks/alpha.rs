@@ -2,7 +2,7 @@
 
 use super::mask::Mask;
 use crate::config::types::segment::MasksConfig;
-use crate::segment::pictures::Picture;
+use crate::segment::pictures::GaussianPicture;
 
 /// Returns the alpha below which a pixel, or a mask by its mean, is background in a picture of a group alone.
 ///
@@ -13,7 +13,7 @@ use crate::segment::pictures::Picture;
 /// quarter of it has the typical alpha, or all of it a quarter of that; a mask of the background, whose mean is near 0,
 /// and one of the whole picture around a small body do not. Anything fainter than 2/255 is never visible, and so is
 /// background everywhere.
-pub fn background_below(picture: &Picture, config: &MasksConfig) -> f64 {
+pub fn background_below(picture: &GaussianPicture, config: &MasksConfig) -> f64 {
     let (mut sum, mut squares) = (0.0f64, 0.0f64);
     for p in picture.rgba.chunks_exact(4).filter(|p| p[3].is_finite()) {
         let alpha = f64::from(p[3].clamp(0.0, 1.0));
@@ -25,14 +25,14 @@ pub fn background_below(picture: &Picture, config: &MasksConfig) -> f64 {
 }
 
 /// Mean alpha of the picture in a mask of its size; 0 for an empty one.
-pub fn mean_alpha(picture: &Picture, mask: &Mask) -> f64 {
+pub fn mean_alpha(picture: &GaussianPicture, mask: &Mask) -> f64 {
     let sum: f64 = mask.pixels().map(|p| f64::from(picture.rgba[4 * p as usize + 3])).sum();
     sum / mask.area().max(1) as f64
 }
 
 /// Whether a mask lies on the background of a picture of a group alone: its mean alpha is NaN or less than `below`, see
 /// [`background_below`]. An empty mask does.
-pub fn on_background(picture: &Picture, mask: &Mask, below: f64) -> bool {
+pub fn on_background(picture: &GaussianPicture, mask: &Mask, below: f64) -> bool {
     let mean = mean_alpha(picture, mask);
     mean < below || mean.is_nan()
 }
@@ -42,10 +42,10 @@ mod tests {
     use super::*;
 
     /// 40 x 24 pixels: `body` in the middle fifth of the columns, `around` elsewhere.
-    fn picture(body: f32, around: f32) -> Picture {
+    fn picture(body: f32, around: f32) -> GaussianPicture {
         let alpha = |i: usize| if (16..24).contains(&(i % 40)) { body } else { around };
         let rgba = (0..40 * 24).flat_map(|i| [0.5, 0.5, 0.5, alpha(i)]).collect();
-        Picture { width: 40, height: 24, rgba, depth: vec![1.0; 40 * 24] }
+        GaussianPicture { width: 40, height: 24, rgba, depth: vec![1.0; 40 * 24] }
     }
 
     fn columns(from: usize, to: usize) -> Mask {
@@ -53,7 +53,7 @@ mod tests {
         Mask::from_rows(40, 24, &rows).unwrap()
     }
 
-    fn kept(picture: &Picture, mask: &Mask) -> bool {
+    fn kept(picture: &GaussianPicture, mask: &Mask) -> bool {
         !on_background(picture, mask, background_below(picture, &MasksConfig::default()))
     }
 

@@ -49,16 +49,16 @@ pub struct ForeignMask {
 }
 
 #[derive(Deserialize)]
-struct Document {
+struct CocoDocument {
     images: Vec<CocoImage>,
-    annotations: Vec<Entry>,
+    annotations: Vec<CocoEntry>,
 }
 
 #[derive(Debug, Deserialize)]
-struct Entry {
+struct CocoEntry {
     #[serde(deserialize_with = "key")]
     image_id: String,
-    segmentation: Shape,
+    segmentation: CocoSegmentation,
     /// Often a number; others are not needed.
     #[serde(default)]
     category_id: Value,
@@ -69,7 +69,7 @@ struct Entry {
 
 #[derive(Debug, Deserialize)]
 #[serde(untagged)]
-enum Shape {
+enum CocoSegmentation {
     Packed { size: [u32; 2], counts: String },
     Plain { size: [u32; 2], counts: Vec<u32> },
     Polygons(#[expect(dead_code, reason = "only that it is a list matters")] Vec<serde::de::IgnoredAny>),
@@ -121,7 +121,7 @@ pub struct CocoFile {
     path: PathBuf,
     images: Vec<CocoImage>,
     /// Each image's annotations, with their places in the file's list.
-    entries: Vec<Vec<(usize, Entry)>>,
+    entries: Vec<Vec<(usize, CocoEntry)>>,
 }
 
 impl CocoFile {
@@ -132,7 +132,7 @@ impl CocoFile {
     /// an image that is not listed.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         let text = read_text(path).map_err(StoreError::io(path))?;
-        let Document { images, annotations } = serde_json::from_str(&text).map_err(|e| {
+        let CocoDocument { images, annotations } = serde_json::from_str(&text).map_err(|e| {
             let problem = other_form(&text).map_or_else(|| plain(&e.to_string()), str::to_owned);
             StoreError::field(path, "images, annotations", problem)
         })?;
@@ -172,21 +172,21 @@ impl CocoFile {
         entries.iter().map(|(index, entry)| self.unpack(*index, entry, info)).collect()
     }
 
-    fn unpack(&self, index: usize, entry: &Entry, image: &CocoImage) -> Result<ForeignMask, StoreError> {
+    fn unpack(&self, index: usize, entry: &CocoEntry, image: &CocoImage) -> Result<ForeignMask, StoreError> {
         let fail = |field: &str, problem: String| {
             StoreError::field(&self.path, format!("annotations[{index}].{field}"), problem)
         };
         let (size, counts) = match &entry.segmentation {
-            Shape::Packed { size, counts } => {
+            CocoSegmentation::Packed { size, counts } => {
                 (*size, rle::decode(counts).map_err(|e| fail("segmentation.counts", e.to_string()))?)
             }
-            Shape::Plain { size, counts } => (*size, counts.clone()),
-            Shape::Polygons(_) => {
+            CocoSegmentation::Plain { size, counts } => (*size, counts.clone()),
+            CocoSegmentation::Polygons(_) => {
                 let problem =
                     "holds polygons, which are not supported; convert them to run lengths (pycocotools: annToRLE)";
                 return Err(fail("segmentation", problem.to_owned()));
             }
-            Shape::Other(_) => {
+            CocoSegmentation::Other(_) => {
                 let problem =
                     "is not an object with size [height, width] and counts (a string or a list of whole numbers)";
                 return Err(fail("segmentation", problem.to_owned()));

@@ -7,7 +7,7 @@
 use crate::config::types::segment::MasksConfig;
 
 /// The foreground, cropped to its bounding box.
-pub(super) struct Window {
+pub(super) struct ForegroundWindow {
     pub width: usize,
     pub height: usize,
     /// Foreground, `[height, width]`.
@@ -37,7 +37,7 @@ pub(super) struct Channel {
 }
 
 /// Jump heights `[height, width]`, 0 outside the foreground.
-pub(super) fn jumps(window: &Window, channels: &[Channel], config: &MasksConfig) -> Vec<f32> {
+pub(super) fn jumps(window: &ForegroundWindow, channels: &[Channel], config: &MasksConfig) -> Vec<f32> {
     let (fine, coarse, ramp) = (config.fine_blur, config.coarse_blur, config.ramp);
     let pixels = window.width * window.height;
     let mut scratch = vec![0.0; pixels];
@@ -74,7 +74,7 @@ pub(super) fn jumps(window: &Window, channels: &[Channel], config: &MasksConfig)
 /// Returns the relief plus a slope that falls from jumps and the silhouette inwards, so that two wide areas joined
 /// through a gap in the jumps between them drain apart. It only shapes the basins; the strength of a boundary depends on
 /// the jumps alone.
-pub(super) fn close_gaps(window: &Window, relief: &[f32], config: &MasksConfig) -> Vec<f32> {
+pub(super) fn close_gaps(window: &ForegroundWindow, relief: &[f32], config: &MasksConfig) -> Vec<f32> {
     let (edge, reach, height) = (config.gap_edge, config.gap_reach, config.gap_height);
     let (width, rows) = (window.width, window.height);
     // Distances in thirds of a pixel by the 3-4 chamfer, with a border of background around.
@@ -105,7 +105,7 @@ pub(super) fn close_gaps(window: &Window, relief: &[f32], config: &MasksConfig) 
 
 /// Adds `weight`² times the squared gradient of a plane at the foreground's pixels; differences over unknown values are
 /// 0.
-fn add_squared_gradient(plane: &[f32], window: &Window, weight: f32, sum: &mut [f32]) {
+fn add_squared_gradient(plane: &[f32], window: &ForegroundWindow, weight: f32, sum: &mut [f32]) {
     let (width, height) = (window.width, window.height);
     let square = weight * weight / 4.0;
     for y in 0..height {
@@ -174,7 +174,8 @@ mod tests {
 
     fn jumps_of(value: impl Fn(f32, f32) -> f32, inside: impl Fn(f32, f32) -> bool) -> Vec<f32> {
         let at = |index: usize| ((index % 60) as f32, (index / 60) as f32);
-        let window = Window { width: 60, height: 60, inside: (0..3600).map(|i| inside(at(i).0, at(i).1)).collect() };
+        let window =
+            ForegroundWindow { width: 60, height: 60, inside: (0..3600).map(|i| inside(at(i).0, at(i).1)).collect() };
         let values = (0..3600).map(|i| value(at(i).0, at(i).1)).collect();
         jumps(&window, &[Channel { values, known: None, weight: 1.0 }], &MasksConfig::default())
     }
@@ -201,17 +202,17 @@ mod tests {
         // A wall at column 20 with a gap of four pixels.
         let relief: Vec<f32> =
             (0..1600).map(|i| if i % 40 == 20 && !(18..22).contains(&(i / 40)) { 0.3 } else { 0.0 }).collect();
-        let window = Window { width: 40, height: 40, inside: vec![true; 1600] };
+        let window = ForegroundWindow { width: 40, height: 40, inside: vec![true; 1600] };
         let gaps = MasksConfig { gap_edge: 0.1, gap_reach: 10.0, gap_height: 0.04, ..MasksConfig::default() };
         let closed = close_gaps(&window, &relief, &gaps);
         let row = &closed[20 * 40..21 * 40];
         assert!(row[20] > 0.02 && row[10] < 0.01 && row[30] < 0.01, "{row:?}");
-        assert!(close_gaps(&Window { width: 0, height: 0, inside: Vec::new() }, &[], &gaps).is_empty());
+        assert!(close_gaps(&ForegroundWindow { width: 0, height: 0, inside: Vec::new() }, &[], &gaps).is_empty());
     }
 
     #[test]
     fn unknown_values_make_no_edge() {
-        let window = Window { width: 20, height: 20, inside: vec![true; 400] };
+        let window = ForegroundWindow { width: 20, height: 20, inside: vec![true; 400] };
         let known: Vec<bool> = (0..400).map(|i| i % 20 < 10).collect();
         let values = known.iter().map(|&known| if known { 0.4 } else { f32::NAN }).collect();
         let found = jumps(&window, &[Channel { values, known: Some(known), weight: 1.0 }], &MasksConfig::default());

@@ -1,6 +1,6 @@
 //! Pictures for another program to segment, and the list of what they show, by which its masks are matched later.
 
-use super::make::{MakeError, MaskJob, Shot};
+use super::make::{MakeError, MaskJob, MaskShot};
 use super::store::StoreError;
 use crate::data::Camera;
 use crate::export::images::to_rgb8;
@@ -21,7 +21,7 @@ pub const FILE: &str = "pictures.json";
 
 /// What pictures show.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Handout {
+pub struct PictureList {
     /// Fingerprint of the scene.
     pub scene: String,
     /// Time in [0, 1].
@@ -29,7 +29,7 @@ pub struct Handout {
     /// The groups; the pictures of one are in the folder of its name.
     pub groups: Vec<HandoutGroup>,
     /// The views; `VIEW.png` in each folder.
-    pub views: Vec<Shot>,
+    pub views: Vec<MaskShot>,
 }
 
 /// A group that was drawn.
@@ -76,14 +76,15 @@ pub fn write_pictures(
         gaussians: g.members.len(),
         members: members_key(&g.members),
     });
-    let list = Handout { scene: scene.to_owned(), time: job.time, groups: groups.collect(), views: job.shots.to_vec() };
+    let list =
+        PictureList { scene: scene.to_owned(), time: job.time, groups: groups.collect(), views: job.shots.to_vec() };
     let path = folder.join(FILE);
     let json = versioned::to_json_pretty(&list).map_err(|e| StoreError::field(&path, "list", e))?;
     std::fs::write(&path, json).map_err(StoreError::io(&path))?;
     Ok(())
 }
 
-impl Handout {
+impl PictureList {
     /// Reads the list of the pictures in `folder`.
     ///
     /// # Errors
@@ -95,7 +96,7 @@ impl Handout {
         if !(0.0..=1.0).contains(&list.time) {
             return Err(StoreError::field(&path, "time", format!("is {}; it must be in [0, 1]", list.time)));
         }
-        for (i, Shot { camera, .. }) in list.views.iter().enumerate() {
+        for (i, MaskShot { camera, .. }) in list.views.iter().enumerate() {
             if !fits(camera) {
                 let problem = "is not a valid camera; write the pictures again with --pictures";
                 return Err(StoreError::field(&path, format!("views[{i}].camera"), problem));
@@ -121,29 +122,29 @@ mod tests {
     fn a_list_with_an_invalid_camera_or_time_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let camera = Camera::look_at(DVec3::X, DVec3::ZERO, DVec3::Z, 0.5, 8, 6);
-        let good = Handout {
+        let good = PictureList {
             scene: "abc".into(),
             time: 0.5,
             groups: vec![HandoutGroup { name: "red".into(), gaussians: 3, members: String::new() }],
-            views: Shot::numbered(vec![camera.clone()]),
+            views: MaskShot::numbered(vec![camera.clone()]),
         };
-        let read = |list: &Handout| {
+        let read = |list: &PictureList| {
             std::fs::write(folder.path().join(FILE), versioned::to_json(list).unwrap()).unwrap();
-            Handout::read(folder.path()).map_err(|e| e.to_string())
+            PictureList::read(folder.path()).map_err(|e| e.to_string())
         };
         assert_eq!(read(&good), Ok(good.clone()));
-        let with = |camera: Camera| Handout { views: Shot::numbered(vec![camera]), ..good.clone() };
+        let with = |camera: Camera| PictureList { views: MaskShot::numbered(vec![camera]), ..good.clone() };
         for (list, field) in [
             (with(Camera { width: u32::MAX, height: u32::MAX, ..camera.clone() }), "views[0].camera"),
             (with(Camera { height: 0, ..camera.clone() }), "views[0].camera"),
             (with(Camera { fx: -1.0, ..camera }), "views[0].camera"),
-            (Handout { time: 7.0, ..good.clone() }, "time"),
+            (PictureList { time: 7.0, ..good.clone() }, "time"),
         ] {
             let error = read(&list).unwrap_err();
             assert!(error.contains(field) && error.contains(FILE), "{error}");
         }
         std::fs::remove_file(folder.path().join(FILE)).unwrap();
         std::fs::create_dir(folder.path().join(FILE)).unwrap();
-        assert!(Handout::read(folder.path()).unwrap_err().to_string().contains("is a folder"));
+        assert!(PictureList::read(folder.path()).unwrap_err().to_string().contains("is a folder"));
     }
 }

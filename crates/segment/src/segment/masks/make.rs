@@ -3,12 +3,12 @@
 //! Everything about the masks themselves is left to the source.
 
 use super::alpha::background_below;
-use super::source::{Group, MaskInput, MaskSource, ScoredMask, SourceError};
-use super::store::{Annotation, Header, MaskWriter, StoreError, View};
+use super::source::{MaskGroup, MaskInput, MaskSource, ScoredMask, SourceError};
+use super::store::{Annotation, MaskFileHeader, MaskView, MaskWriter, StoreError};
 use crate::config::types::segment::MasksConfig;
 use crate::data::Camera;
 use crate::model::{HostGaussians, Rendering, ToKernel};
-use crate::segment::pictures::{Picture, picture, share};
+use crate::segment::pictures::{GaussianPicture, picture, share};
 use crate::segment::segmentation::members_key;
 use burn::tensor::Device;
 use rayon::prelude::*;
@@ -18,14 +18,14 @@ use thiserror::Error;
 
 /// A view to draw.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Shot {
+pub struct MaskShot {
     /// Its name in the mask file.
     pub file: String,
     /// Where it is seen from.
     pub camera: Camera,
 }
 
-impl Shot {
+impl MaskShot {
     /// `view-000`, `view-001`, ...
     pub fn numbered(cameras: Vec<Camera>) -> Vec<Self> {
         cameras.into_iter().enumerate().map(|(i, camera)| Self { file: format!("view-{i:03}"), camera }).collect()
@@ -38,9 +38,9 @@ pub struct MaskJob<'a> {
     /// All Gaussians of the scene at `time`.
     pub at: &'a HostGaussians,
     /// The groups to draw alone.
-    pub groups: &'a [Group],
+    pub groups: &'a [MaskGroup],
     /// The views, all of one size.
-    pub shots: &'a [Shot],
+    pub shots: &'a [MaskShot],
     /// Time in [0, 1], as written to the mask file.
     pub time: f64,
     /// How the scene is drawn.
@@ -94,7 +94,7 @@ impl MaskJob<'_> {
     /// stores only the horizontal field of view, cannot represent; [`MakeError::Member`].
     pub fn check(&self) -> Result<[u32; 2], MakeError> {
         let first = &self.shots.first().ok_or(MakeError::NoViews)?.camera;
-        for Shot { file, camera: c } in self.shots {
+        for MaskShot { file, camera: c } in self.shots {
             let fail = |problem: String| Err(MakeError::Camera { file: file.clone(), problem });
             if (c.width, c.height) != (first.width, first.height) {
                 return fail(format!(
@@ -116,19 +116,19 @@ impl MaskJob<'_> {
         Ok([first.width, first.height])
     }
 
-    fn header(&self, [width, height]: [u32; 2], source: &dyn MaskSource) -> Header {
-        let views = self.shots.iter().map(|s| View {
+    fn header(&self, [width, height]: [u32; 2], source: &dyn MaskSource) -> MaskFileHeader {
+        let views = self.shots.iter().map(|s| MaskView {
             file: s.file.clone(),
             camera_to_world: s.camera.camera_to_world.transpose().to_cols_array().map(|v| v as f32),
             fov_x: s.camera.fov_x() as f32,
         });
         let names = self.groups.iter().map(|g| g.name.clone()).collect();
-        let header = Header::new(width, height, self.time, views.collect(), names, source.name().to_owned());
-        Header { members: self.groups.iter().map(|g| members_key(&g.members)).collect(), ..header }
+        let header = MaskFileHeader::new(width, height, self.time, views.collect(), names, source.name().to_owned());
+        MaskFileHeader { members: self.groups.iter().map(|g| members_key(&g.members)).collect(), ..header }
     }
 
     /// Where `members` are in front in the whole scene, and not background when drawn alone; `picture` shows them alone.
-    fn front(&self, members: &[u32], picture: &Picture, camera: &Camera) -> Vec<bool> {
+    fn front(&self, members: &[u32], picture: &GaussianPicture, camera: &Camera) -> Vec<bool> {
         let share = share(self.at, members, self.rendering.seen_by(camera.to_kernel()), self.device);
         let below = background_below(picture, self.config) as f32;
         share
@@ -155,17 +155,17 @@ pub fn make_masks(
     let size = job.check()?;
     let mut writer = MaskWriter::create(path, job.header(size, source))?;
     let batch = source.batch_size().max(1);
-    for (group, Group { members, .. }) in job.groups.iter().enumerate() {
+    for (group, MaskGroup { members, .. }) in job.groups.iter().enumerate() {
         let alone = job.at.subset(members);
         // pictures one after the other (each uses all threads), then their masks in parallel, a few at a time
         for (start, shots) in (0..).step_by(batch).zip(job.shots.chunks(batch)) {
-            let draw = |shot: &Shot| {
+            let draw = |shot: &MaskShot| {
                 let drawn = picture(&alone, job.rendering.seen_by(shot.camera.to_kernel()), job.device);
                 let front = source.needs_front().then(|| job.front(members, &drawn, &shot.camera));
                 (drawn, front)
             };
-            let drawn: Vec<(Picture, Option<Vec<bool>>)> = shots.iter().map(draw).collect();
-            let see = |(i, (picture, front)): (usize, &'_ (Picture, Option<Vec<bool>>))| {
+            let drawn: Vec<(GaussianPicture, Option<Vec<bool>>)> = shots.iter().map(draw).collect();
+            let see = |(i, (picture, front)): (usize, &'_ (GaussianPicture, Option<Vec<bool>>))| {
                 let found = source.find(&MaskInput { view: start + i, group, picture, front: front.as_deref() })?;
                 Ok::<_, SourceError>(found)
             };

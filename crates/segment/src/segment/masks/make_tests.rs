@@ -47,19 +47,25 @@ impl MaskSource for Fronts {
     }
 }
 
-fn group(name: &str, members: &[u32]) -> Group {
-    Group { name: name.into(), members: members.to_vec() }
+fn group(name: &str, members: &[u32]) -> MaskGroup {
+    MaskGroup { name: name.into(), members: members.to_vec() }
 }
 
 /// From +x, and from all around.
-fn shots() -> Vec<Shot> {
+fn shots() -> Vec<MaskShot> {
     let eye = glam::DVec3::X * 4.0;
     let mut cameras = vec![Camera::look_at(eye, glam::DVec3::ZERO, glam::DVec3::Z, 0.5, 24, 20)];
     cameras.extend(training_cameras(4, 4.0, Lens { fov_x: 0.5, width: 24, height: 20 }));
-    Shot::numbered(cameras)
+    MaskShot::numbered(cameras)
 }
 
-fn make(groups: &[Group], shots: &[Shot], source: &Fronts, path: &Path, stop_at: usize) -> Result<u64, MakeError> {
+fn make(
+    groups: &[MaskGroup],
+    shots: &[MaskShot],
+    source: &Fronts,
+    path: &Path,
+    stop_at: usize,
+) -> Result<u64, MakeError> {
     let device = DeviceName::all()[0].open().unwrap();
     let at = scene();
     let rendering = Rendering { background: [1.0; 3], ..Rendering::default() };
@@ -116,7 +122,7 @@ fn the_old_file_stays_when_stopped_or_refused() {
     std::fs::write(&path, "old").unwrap();
     let source = Fronts { front: false, batch: 2 };
     let good = [group("a", &[0])];
-    let fails = |groups: &[Group], shots: &[Shot], stop_at, words: &str| {
+    let fails = |groups: &[MaskGroup], shots: &[MaskShot], stop_at, words: &str| {
         let error = make(groups, shots, &source, &path, stop_at).unwrap_err().to_string();
         assert!(error.contains(words), "{error}");
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "old");

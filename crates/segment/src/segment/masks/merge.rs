@@ -5,13 +5,13 @@
 use std::{cmp::Reverse, collections::BTreeMap, collections::BinaryHeap};
 
 use super::{
-    edges::{Window, sides},
+    edges::{ForegroundWindow, sides},
     watershed::NONE,
 };
 
 /// A region: a basin, or two regions joined.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Node {
+pub(super) struct MergeNode {
     /// Strength of the strongest boundary inside; 0 for a basin.
     pub born: f32,
     /// The region that this one becomes part of, if any; its `born` is the strength of this one's outer boundary.
@@ -28,7 +28,7 @@ pub(super) struct Node {
     pub bounds: [u32; 4],
 }
 
-impl Node {
+impl MergeNode {
     /// Width in pixels of a long strip of this area and outline; for a disc three quarters of its radius.
     pub fn thickness(&self) -> f32 {
         2.0 * self.area as f32 / self.outline.max(1) as f32
@@ -41,12 +41,12 @@ impl Node {
 pub(super) struct Full {
     /// Pixels.
     pub area: f32,
-    /// [`Node::thickness`] in pixels.
+    /// [`MergeNode::thickness`] in pixels.
     pub thickness: f32,
 }
 
 impl Full {
-    fn share(self, node: &Node) -> f32 {
+    fn share(self, node: &MergeNode) -> f32 {
         let thin = (node.thickness() / self.thickness).min(1.0);
         (node.area as f32 / self.area).min(1.0).sqrt() * thin * thin
     }
@@ -57,13 +57,19 @@ type Boundary = (f64, u32);
 
 /// Joins basins until only the components are left. The strength of a boundary is the mean relief along it minus that
 /// of its rougher side, reduced for small regions. Basins are nodes 0 to `count - 1`; joined ones follow.
-pub(super) fn tree(window: &Window, labels: &[u32], count: usize, relief: &[f32], full: Full) -> Vec<Node> {
+pub(super) fn tree(
+    window: &ForegroundWindow,
+    labels: &[u32],
+    count: usize,
+    relief: &[f32],
+    full: Full,
+) -> Vec<MergeNode> {
     let mut nodes = leaves(window, labels, count, relief);
     let mut around = adjacency(window, labels, count, relief);
     // a joined region keeps the slot of its part with more neighbours; `node_of` gives the current node of a slot
     let mut node_of: Vec<u32> = (0..count as u32).collect();
     let mut alive = vec![true; count];
-    let strength = |nodes: &[Node], node_of: &[u32], a: u32, b: u32, (sum, length): Boundary| {
+    let strength = |nodes: &[MergeNode], node_of: &[u32], a: u32, b: u32, (sum, length): Boundary| {
         let [a, b] = [a, b].map(|slot| &nodes[node_of[slot as usize] as usize]);
         // A boundary counts by how far it stands out from what is on its rougher side.
         let rough = (a.relief / f64::from(a.area)).max(b.relief / f64::from(b.area));
@@ -93,7 +99,7 @@ pub(super) fn tree(window: &Window, labels: &[u32], count: usize, relief: &[f32]
         nodes[left as usize].parent = Some(joined);
         nodes[right as usize].parent = Some(joined);
         let (l, r) = (&nodes[left as usize], &nodes[right as usize]);
-        nodes.push(Node {
+        nodes.push(MergeNode {
             born: now.max(l.born).max(r.born),
             parent: None,
             area: l.area + r.area,
@@ -123,7 +129,7 @@ pub(super) fn tree(window: &Window, labels: &[u32], count: usize, relief: &[f32]
 
 /// For each node the half-open range of its basins in an order in which every region is contiguous, and each basin's
 /// place in that order.
-pub(super) fn ranges(nodes: &[Node], count: usize) -> (Vec<[u32; 2]>, Vec<u32>) {
+pub(super) fn ranges(nodes: &[MergeNode], count: usize) -> (Vec<[u32; 2]>, Vec<u32>) {
     let mut range = vec![[0, 0]; nodes.len()];
     let mut place = vec![0; count];
     let mut next = 0;
@@ -150,8 +156,8 @@ pub(super) fn ranges(nodes: &[Node], count: usize) -> (Vec<[u32; 2]>, Vec<u32>) 
     (range, place)
 }
 
-fn leaves(window: &Window, labels: &[u32], count: usize, relief: &[f32]) -> Vec<Node> {
-    let empty = Node {
+fn leaves(window: &ForegroundWindow, labels: &[u32], count: usize, relief: &[f32]) -> Vec<MergeNode> {
+    let empty = MergeNode {
         born: 0.0,
         parent: None,
         area: 0,
@@ -175,7 +181,7 @@ fn leaves(window: &Window, labels: &[u32], count: usize, relief: &[f32]) -> Vec<
     nodes
 }
 
-fn adjacency(window: &Window, labels: &[u32], count: usize, relief: &[f32]) -> Vec<BTreeMap<u32, Boundary>> {
+fn adjacency(window: &ForegroundWindow, labels: &[u32], count: usize, relief: &[f32]) -> Vec<BTreeMap<u32, Boundary>> {
     let mut borders: Vec<(u32, u32, f32)> = Vec::new();
     for pixel in 0..labels.len() {
         let [_, right, _, below] = sides(pixel, window.width, labels.len());
@@ -209,7 +215,8 @@ mod tests {
         // Three basins in a row with a weak boundary at the left and a strong one at the right, and one apart.
         let labels = [0, 0, 1, 1, 2, 2, NONE, 3];
         let relief = [0.0, 0.1, 0.1, 0.0, 0.6, 0.0, 0.0, 0.0];
-        let window = Window { width: 8, height: 1, inside: labels.iter().map(|&label| label != NONE).collect() };
+        let window =
+            ForegroundWindow { width: 8, height: 1, inside: labels.iter().map(|&label| label != NONE).collect() };
         let nodes = tree(&window, &labels, 4, &relief, Full { area: 1.0, thickness: 0.1 });
         assert_eq!(nodes.len(), 6);
         assert_eq!(nodes[0].parent, Some(4));
@@ -233,7 +240,7 @@ mod tests {
         let labels: Vec<u32> = (0..81).map(|pixel| (pixel / 27) * 3 + (pixel % 9) / 3).collect();
         let relief: Vec<f32> =
             (0..81_u32).map(|pixel| ((pixel + 1).wrapping_mul(2_654_435_761) % 97) as f32 / 97.0).collect();
-        let window = Window { width, height, inside: vec![true; 81] };
+        let window = ForegroundWindow { width, height, inside: vec![true; 81] };
         let nodes = tree(&window, &labels, 9, &relief, Full { area: 20.0, thickness: 3.0 });
         assert_eq!(nodes.len(), 17);
         for node in &nodes {

@@ -27,4 +27,4 @@ mod watershed;
 
 pub use mask::{Mask, MaskError};
 pub use regions::{RegionImage, RegionMask, find_regions};
-pub use store::{Annotation, Header, MaskReader, MaskWriter, StoreError, View};
+pub use store::{Annotation, MaskFileHeader, MaskReader, MaskView, MaskWriter, StoreError};

@@ -13,14 +13,17 @@ use serde::Deserialize;
 
 use super::{
     rle,
-    store::{Annotation, Header, LONGEST_LINE, Line, StoreError, check_header, check_line, check_memory, mask_of_size},
+    store::{
+        Annotation, AnnotationLine, LONGEST_LINE, MaskFileHeader, StoreError, check_header, check_line, check_memory,
+        mask_of_size,
+    },
 };
 use crate::files::open_regular;
-use crate::memory::Budget;
+use crate::memory::MemoryBudget;
 
 /// Where one annotation's line is.
 #[derive(Debug, Clone, Copy)]
-struct Place {
+struct LineLocation {
     offset: u64,
     length: u64,
     /// Line number from 1, for messages.
@@ -31,9 +34,9 @@ struct Place {
 #[derive(Debug)]
 pub struct MaskReader {
     path: PathBuf,
-    header: Header,
+    header: MaskFileHeader,
     file: Mutex<File>,
-    places: Vec<Vec<Place>>,
+    places: Vec<Vec<LineLocation>>,
 }
 
 impl MaskReader {
@@ -51,9 +54,10 @@ impl MaskReader {
         let mut input = BufReader::new(file);
         let mut line = Vec::new();
         let mut offset = read_line(path, 1, &mut input, &mut line)?;
-        let header: Header = serde_json::from_slice(&line).map_err(|e| StoreError::field(path, "line 1, header", e))?;
+        let header: MaskFileHeader =
+            serde_json::from_slice(&line).map_err(|e| StoreError::field(path, "line 1, header", e))?;
         check_header(path, &header)?;
-        check_memory(path, &header, Budget::now())?;
+        check_memory(path, &header, MemoryBudget::now())?;
         let mut places = vec![Vec::new(); header.views.len()];
         for number in 2.. {
             let length = read_line(path, number, &mut input, &mut line)?;
@@ -67,7 +71,7 @@ impl MaskReader {
                     let problem = format!("is {image_id}, but the header lists {} views", header.views.len());
                     return Err(StoreError::field(path, format!("line {number}, image_id"), problem));
                 };
-                view.push(Place { offset, length, number });
+                view.push(LineLocation { offset, length, number });
             }
             offset += length;
         }
@@ -75,7 +79,7 @@ impl MaskReader {
     }
 
     /// What all masks have in common.
-    pub fn header(&self) -> &Header {
+    pub fn header(&self) -> &MaskFileHeader {
         &self.header
     }
 
@@ -120,7 +124,8 @@ impl MaskReader {
     fn parse(&self, text: &[u8], number: u64) -> Result<Annotation, StoreError> {
         let (path, header) = (&self.path, &self.header);
         let entry = format!("line {number}");
-        let line: Line = serde_json::from_slice(text).map_err(|e| StoreError::field(path, entry.as_str(), e))?;
+        let line: AnnotationLine =
+            serde_json::from_slice(text).map_err(|e| StoreError::field(path, entry.as_str(), e))?;
         check_line(path, &entry, &line, header)?;
         let segmentation = |problem: String| StoreError::field(path, format!("{entry}, segmentation.counts"), problem);
         let counts = rle::decode(&line.segmentation.counts).map_err(|e| segmentation(e.to_string()))?;
@@ -159,13 +164,13 @@ fn read_line(path: &Path, number: u64, input: &mut impl BufRead, line: &mut Vec<
 #[cfg(test)]
 mod tests {
     use super::super::Mask;
-    use super::super::store::{MaskWriter, View};
+    use super::super::store::{MaskView, MaskWriter};
     use super::*;
     use proptest::prelude::*;
 
-    fn header() -> Header {
-        let view = |file: &str| View { file: file.to_owned(), camera_to_world: [0.5; 16], fov_x: 0.7 };
-        Header::new(
+    fn header() -> MaskFileHeader {
+        let view = |file: &str| MaskView { file: file.to_owned(), camera_to_world: [0.5; 16], fov_x: 0.7 };
+        MaskFileHeader::new(
             5,
             4,
             3.0,
@@ -264,12 +269,12 @@ mod tests {
     #[test]
     fn masks_that_do_not_fit_into_memory_are_refused_by_their_header() {
         let path = Path::new("masks.jsonl");
-        let large = Header { width: 65_535, height: 65_535, ..header() };
+        let large = MaskFileHeader { width: 65_535, height: 65_535, ..header() };
         check_header(path, &large).unwrap();
-        let error = check_memory(path, &large, Budget::from_bytes(8_000_000_000)).unwrap_err().to_string();
+        let error = check_memory(path, &large, MemoryBudget::from_bytes(8_000_000_000)).unwrap_err().to_string();
         let words = ["masks.jsonl", "header, width, height", "65535x65535 pixels", "--memory"];
         assert!(words.iter().all(|w| error.contains(w)), "{error}");
-        check_memory(path, &header(), Budget::from_bytes(1000)).unwrap();
+        check_memory(path, &header(), MemoryBudget::from_bytes(1000)).unwrap();
     }
 
     proptest! {

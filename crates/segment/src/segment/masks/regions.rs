@@ -11,10 +11,10 @@ use crate::config::types::segment::{MasksConfig, OutOfRange};
 use thiserror::Error;
 
 use super::{
-    edges::{Channel, Window, close_gaps, jumps},
+    edges::{Channel, ForegroundWindow, close_gaps, jumps},
     filter::{fill_holes_rows, majority_rows, suppress},
     mask::{Mask, MaskError},
-    merge::{Full, Node, ranges, tree},
+    merge::{Full, MergeNode, ranges, tree},
     watershed::{NONE, basins},
 };
 
@@ -150,7 +150,7 @@ pub fn find_regions(image: &RegionImage, options: &MasksConfig) -> Result<Vec<Re
 }
 
 /// The foreground in its box, and the box's corner; `None` if there is no foreground.
-fn cut(image: &RegionImage, threshold: f32) -> Option<(Window, [usize; 2])> {
+fn cut(image: &RegionImage, threshold: f32) -> Option<(ForegroundWindow, [usize; 2])> {
     let (across, down) = (image.width as usize, image.height as usize);
     let covered = |x: usize, y: usize| image.rgba[(y * across + x) * 4 + 3] >= threshold.max(f32::MIN_POSITIVE);
     let rows = (0..down).filter(|&y| (0..across).any(|x| covered(x, y)));
@@ -164,11 +164,11 @@ fn cut(image: &RegionImage, threshold: f32) -> Option<(Window, [usize; 2])> {
         return None;
     }
     let inside = (top..bottom).flat_map(|y| (left..right).map(move |x| (x, y))).map(|(x, y)| covered(x, y)).collect();
-    Some((Window { width: right - left, height: bottom - top, inside }, [left, top]))
+    Some((ForegroundWindow { width: right - left, height: bottom - top, inside }, [left, top]))
 }
 
 /// Brightness, two colour differences, alpha and, where given, depth.
-fn channels(image: &RegionImage, window: &Window, [left, top]: [usize; 2]) -> Vec<Channel> {
+fn channels(image: &RegionImage, window: &ForegroundWindow, [left, top]: [usize; 2]) -> Vec<Channel> {
     let across = image.width as usize;
     let pixels = || (0..window.height).flat_map(|y| (0..window.width).map(move |x| (top + y) * across + left + x));
     let plane = |value: &dyn Fn(&[f32]) -> f32| pixels().map(|pixel| value(&image.rgba[pixel * 4..][..4])).collect();
@@ -203,7 +203,7 @@ fn channels(image: &RegionImage, window: &Window, [left, top]: [usize; 2]) -> Ve
 }
 
 /// Stability and contrast of a region.
-fn scores(nodes: &[Node], node: &Node) -> (f32, f32) {
+fn scores(nodes: &[MergeNode], node: &MergeNode) -> (f32, f32) {
     match node.parent {
         Some(parent) => {
             let outer = nodes[parent as usize].born;
@@ -214,8 +214,8 @@ fn scores(nodes: &[Node], node: &Node) -> (f32, f32) {
 }
 
 /// The regions to make masks of: whole pieces, and those that persist over a range of strengths.
-fn choose(nodes: &[Node], options: &MasksConfig, min_area: f32) -> Vec<u32> {
-    let wanted = |node: &Node| {
+fn choose(nodes: &[MergeNode], options: &MasksConfig, min_area: f32) -> Vec<u32> {
+    let wanted = |node: &MergeNode| {
         node.area as f32 >= min_area
             && node.parent.is_none_or(|parent| {
                 let outer = nodes[parent as usize].born;
@@ -230,10 +230,10 @@ fn choose(nodes: &[Node], options: &MasksConfig, min_area: f32) -> Vec<u32> {
 /// The mask of a region, with `smooth` its outline smoothed and small holes filled.
 fn paint(
     image: &RegionImage,
-    window: &Window,
+    window: &ForegroundWindow,
     origin: [usize; 2],
     places: &[u32],
-    node: &Node,
+    node: &MergeNode,
     (range, min_area, smooth): ([u32; 2], f32, bool),
 ) -> Mask {
     let [left, top, right, bottom] = node.bounds.map(|side| side as usize);

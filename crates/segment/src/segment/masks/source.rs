@@ -15,7 +15,7 @@ use super::sam::SamError;
 use super::{Mask, MaskError, StoreError};
 use crate::data::DataError;
 use crate::registry::Registry;
-use crate::segment::pictures::Picture;
+use crate::segment::pictures::GaussianPicture;
 use thiserror::Error;
 
 /// The source that is used unless another is named.
@@ -34,7 +34,7 @@ pub static MASK_SOURCES: Registry<dyn MaskSourceKind> = Registry::new(
 
 /// A segment to make masks of, drawn alone.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Group {
+pub struct MaskGroup {
     /// Its name, as the mask file lists it.
     pub name: String,
     /// Its Gaussians, indices into those of the scene.
@@ -49,7 +49,7 @@ pub struct MaskInput<'a> {
     /// Which group: index into the job's groups.
     pub group: usize,
     /// The group alone over the background.
-    pub picture: &'a Picture,
+    pub picture: &'a GaussianPicture,
     /// Pixels `[H, W]` where the group is in front in the whole scene; only for sources that need it.
     pub front: Option<&'a [bool]>,
 }

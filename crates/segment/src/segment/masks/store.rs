@@ -14,7 +14,7 @@ use thiserror::Error;
 use super::{mask::Mask, mask::MaskError, rle, rle::RleError};
 use crate::data::Camera;
 use crate::files::AtomicFile;
-use crate::memory::{Budget, product};
+use crate::memory::{MemoryBudget, product};
 
 pub use super::reader::MaskReader;
 
@@ -29,7 +29,7 @@ pub const VERSION: u32 = 1;
 
 /// First line of a mask file: what all its masks have in common.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Header {
+pub struct MaskFileHeader {
     /// Always [`FORMAT`].
     pub format: String,
     /// Always [`VERSION`].
@@ -41,7 +41,7 @@ pub struct Header {
     /// Time in [0, 1] at which the model was rendered.
     pub time: f64,
     /// The views; an annotation's `image_id` counts into this list from 0.
-    pub views: Vec<View>,
+    pub views: Vec<MaskView>,
     /// Names of the coarse segments; an annotation's `segment` counts into this list from 0.
     pub segments: Vec<String>,
     /// What made the masks, for human readers.
@@ -52,9 +52,16 @@ pub struct Header {
     pub members: Vec<String>,
 }
 
-impl Header {
+impl MaskFileHeader {
     /// A header of the current format and version.
-    pub fn new(width: u32, height: u32, time: f64, views: Vec<View>, segments: Vec<String>, source: String) -> Self {
+    pub fn new(
+        width: u32,
+        height: u32,
+        time: f64,
+        views: Vec<MaskView>,
+        segments: Vec<String>,
+        source: String,
+    ) -> Self {
         Self {
             format: FORMAT.to_owned(),
             version: VERSION,
@@ -71,7 +78,7 @@ impl Header {
 
 /// One rendered view.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct View {
+pub struct MaskView {
     /// Name of the image file.
     pub file: String,
     /// Camera-to-world matrix, `[4, 4]` row-major.
@@ -80,7 +87,7 @@ pub struct View {
     pub fov_x: f32,
 }
 
-impl View {
+impl MaskView {
     /// Returns its camera for pictures of `width` by `height` pixels.
     pub fn camera(&self, width: u32, height: u32) -> Camera {
         let rows = self.camera_to_world.map(f64::from);
@@ -91,9 +98,9 @@ impl View {
 /// One mask of one view, with its metadata.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Annotation {
-    /// Which view: index into [`Header::views`].
+    /// Which view: index into [`MaskFileHeader::views`].
     pub image_id: u32,
-    /// Which coarse segment was rendered: index into [`Header::segments`].
+    /// Which coarse segment was rendered: index into [`MaskFileHeader::segments`].
     pub segment: u32,
     /// The mask, of the header's size.
     pub mask: Mask,
@@ -140,10 +147,10 @@ impl StoreError {
 
 /// An annotation as its line holds it.
 #[derive(Serialize, Deserialize)]
-pub(super) struct Line {
+pub(super) struct AnnotationLine {
     pub image_id: u32,
     pub segment: u32,
-    pub segmentation: Segmentation,
+    pub segmentation: CompressedMask,
     pub area: u64,
     pub bbox: [u32; 4],
     pub predicted_iou: f32,
@@ -153,14 +160,14 @@ pub(super) struct Line {
 
 /// COCO's compressed mask: size is `[height, width]`.
 #[derive(Serialize, Deserialize)]
-pub(super) struct Segmentation {
+pub(super) struct CompressedMask {
     pub size: [u32; 2],
     pub counts: String,
 }
 
 /// What can be wrong with a compressed mask.
 #[derive(Debug, Error)]
-pub(super) enum SegmentationError {
+pub(super) enum CompressedMaskError {
     #[error(transparent)]
     Rle(#[from] RleError),
     #[error(transparent)]
@@ -178,9 +185,9 @@ pub(super) fn mask_of_size(
     counts: Vec<u32>,
     width: u32,
     height: u32,
-) -> Result<Mask, SegmentationError> {
+) -> Result<Mask, CompressedMaskError> {
     if size != [height, width] {
-        return Err(SegmentationError::Size { found_width: size[1], found_height: size[0], width, height });
+        return Err(CompressedMaskError::Size { found_width: size[1], found_height: size[0], width, height });
     }
     Ok(Mask::from_counts(width, height, counts)?)
 }
@@ -192,7 +199,7 @@ pub(super) fn mask_of_size(
 pub struct MaskWriter {
     path: PathBuf,
     out: AtomicFile,
-    header: Header,
+    header: MaskFileHeader,
     written: u64,
 }
 
@@ -202,7 +209,7 @@ impl MaskWriter {
     /// # Errors
     /// [`StoreError::Io`]; [`StoreError::Field`] for a header of another format or version, without pixels, or with
     /// values that are not finite.
-    pub fn create(path: &Path, header: Header) -> Result<Self, StoreError> {
+    pub fn create(path: &Path, header: MaskFileHeader) -> Result<Self, StoreError> {
         check_header(path, &header)?;
         let out = AtomicFile::create(path).map_err(StoreError::io(path))?;
         let mut writer = Self { path: path.to_owned(), out, header, written: 0 };
@@ -223,10 +230,10 @@ impl MaskWriter {
     pub fn write(&mut self, annotation: &Annotation) -> Result<(), StoreError> {
         let mask = &annotation.mask;
         let entry = format!("annotation {}", self.written);
-        let line = Line {
+        let line = AnnotationLine {
             image_id: annotation.image_id,
             segment: annotation.segment,
-            segmentation: Segmentation { size: [mask.height, mask.width], counts: rle::encode(&mask.counts) },
+            segmentation: CompressedMask { size: [mask.height, mask.width], counts: rle::encode(&mask.counts) },
             area: mask.area(),
             bbox: mask.bbox(),
             predicted_iou: annotation.predicted_iou,
@@ -257,7 +264,7 @@ impl MaskWriter {
 }
 
 /// Checks what the type of the header does not guarantee.
-pub(super) fn check_header(path: &Path, header: &Header) -> Result<(), StoreError> {
+pub(super) fn check_header(path: &Path, header: &MaskFileHeader) -> Result<(), StoreError> {
     let fail = |field: &str, problem: String| Err(StoreError::field(path, format!("header, {field}"), problem));
     if header.format != FORMAT {
         return fail("format", format!("is {:?}, but {FORMAT:?} is expected; this is not a mask file", header.format));
@@ -287,7 +294,7 @@ pub(super) fn check_header(path: &Path, header: &Header) -> Result<(), StoreErro
 }
 
 /// Rejects masks of more pixels than fit into memory, whatever a damaged header says.
-pub(super) fn check_memory(path: &Path, header: &Header, budget: Budget) -> Result<(), StoreError> {
+pub(super) fn check_memory(path: &Path, header: &MaskFileHeader, budget: MemoryBudget) -> Result<(), StoreError> {
     let (width, height) = (header.width, header.height);
     // per pixel, one byte to examine and three floats to draw, rounded up
     let bytes = product(&[width as usize, height as usize, 16]);
@@ -296,7 +303,12 @@ pub(super) fn check_memory(path: &Path, header: &Header, budget: Budget) -> Resu
 }
 
 /// Checks an annotation line against the header, all but the mask's counts.
-pub(super) fn check_line(path: &Path, entry: &str, line: &Line, header: &Header) -> Result<(), StoreError> {
+pub(super) fn check_line(
+    path: &Path,
+    entry: &str,
+    line: &AnnotationLine,
+    header: &MaskFileHeader,
+) -> Result<(), StoreError> {
     let fail = |field: &str, problem: String| Err(StoreError::field(path, format!("{entry}, {field}"), problem));
     let (views, segments) = (header.views.len(), header.segments.len());
     if line.image_id as usize >= views {
@@ -308,7 +320,7 @@ pub(super) fn check_line(path: &Path, entry: &str, line: &Line, header: &Header)
     if line.segmentation.size != [header.height, header.width] {
         let [found_height, found_width] = line.segmentation.size;
         let (width, height) = (header.width, header.height);
-        let problem = SegmentationError::Size { found_width, found_height, width, height };
+        let problem = CompressedMaskError::Size { found_width, found_height, width, height };
         return fail("segmentation.size", problem.to_string());
     }
     let scores =

@@ -3,7 +3,7 @@
 //! Vincent and Soille's flooding in its variant without watershed pixels, on the relief in steps. Independent of what
 //! the relief means.
 
-use super::edges::{Window, sides};
+use super::edges::{ForegroundWindow, sides};
 
 /// Label of pixels outside the foreground.
 pub(super) const NONE: u32 = u32::MAX;
@@ -11,7 +11,7 @@ pub(super) const NONE: u32 = u32::MAX;
 /// Basins of `relief` (`[height, width]`, values from 0 up), which is cut into `steps` equal steps up to `top`.
 /// Returns a label per pixel, counted from 0 in the order of flooding, and how many there are.
 /// Pixels are neighbours by their sides, so no basin spans two components of the foreground.
-pub(super) fn basins(window: &Window, relief: &[f32], top: f32, steps: usize) -> (Vec<u32>, usize) {
+pub(super) fn basins(window: &ForegroundWindow, relief: &[f32], top: f32, steps: usize) -> (Vec<u32>, usize) {
     let last = steps.max(1) - 1;
     // The cast takes NaN to 0 and keeps within 0 to `last`.
     let step_of = |pixel: usize| ((relief[pixel] / top * steps as f32) as usize).min(last);
@@ -87,7 +87,7 @@ pub(super) fn basins(window: &Window, relief: &[f32], top: f32, steps: usize) ->
 }
 
 /// The foreground pixels at the four sides.
-fn neighbours(window: &Window, pixel: usize) -> impl Iterator<Item = usize> + '_ {
+fn neighbours(window: &ForegroundWindow, pixel: usize) -> impl Iterator<Item = usize> + '_ {
     sides(pixel, window.width, window.inside.len()).into_iter().flatten().filter(|&next| window.inside[next])
 }
 
@@ -98,7 +98,7 @@ mod tests {
     #[test]
     fn each_minimum_gets_its_side_of_the_ridge() {
         let relief = [0.1, 0.2, 0.9, 0.3, 0.0, 0.2].repeat(3);
-        let window = Window { width: 6, height: 3, inside: vec![true; 18] };
+        let window = ForegroundWindow { width: 6, height: 3, inside: vec![true; 18] };
         let (labels, count) = basins(&window, &relief, 1.0, 64);
         assert_eq!(count, 2);
         assert_eq!(labels[0], labels[1]);
@@ -110,17 +110,17 @@ mod tests {
     #[test]
     fn a_plateau_is_shared() {
         let relief = [0.0, 0.5, 0.5, 0.5, 0.5, 0.0];
-        let window = Window { width: 6, height: 1, inside: vec![true; 6] };
+        let window = ForegroundWindow { width: 6, height: 1, inside: vec![true; 6] };
         assert_eq!(basins(&window, &relief, 1.0, 10).0, [0, 0, 0, 1, 1, 1]);
     }
 
     #[test]
     fn components_stay_apart_and_non_finite_values_are_accepted() {
         let inside = vec![true, true, false, true, true];
-        let window = Window { width: 5, height: 1, inside };
+        let window = ForegroundWindow { width: 5, height: 1, inside };
         let (labels, count) = basins(&window, &[f32::NAN, 0.1, 0.0, f32::INFINITY, -1.0], 1.0, 8);
         assert_eq!((labels[2], count), (NONE, 2));
-        let nothing = Window { width: 0, height: 0, inside: Vec::new() };
+        let nothing = ForegroundWindow { width: 0, height: 0, inside: Vec::new() };
         assert_eq!(basins(&nothing, &[], 1.0, 8), (Vec::new(), 0));
     }
 }

@@ -28,7 +28,7 @@ pub(super) struct Centre {
 
 impl Centre {
     /// The weighted centre of `members`, whose colour is shown clearly at the quantile `lit` of brightness and chroma.
-    pub fn of(members: &Members, smooth: &Smooth, weights: &[f32], lit: f64) -> Self {
+    pub fn weighted(members: &Members, smooth: &Smooth, weights: &[f32], lit: f64) -> Self {
         let quantile = |share: f64, value: &dyn Fn(usize) -> f32| {
             let rows = members.rows.iter().map(|&i| i as usize);
             weighted_quantile(rows.map(|i| (value(i), weights[i])).collect(), share)

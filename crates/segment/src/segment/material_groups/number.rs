@@ -17,7 +17,7 @@ pub(super) fn exactly(
 ) -> Result<Vec<Members>, PointsError> {
     while parts.len() > wanted {
         let centres: Vec<(Centre, f64)> =
-            parts.iter().map(|p| (Centre::of(p, smooth, weights, config.clear), mass(p, weights))).collect();
+            parts.iter().map(|p| (Centre::weighted(p, smooth, weights, config.clear), mass(p, weights))).collect();
         let mut best = (f64::INFINITY, 0, 1);
         for b in 1..parts.len() {
             for a in 0..b {

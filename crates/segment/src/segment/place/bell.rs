@@ -3,7 +3,7 @@
 use super::Cloud;
 use crate::volume::grid::Grid;
 use glam::{DMat3, DQuat, DVec3};
-use volseggs_kernels::bell_rows::{Section, add_bell, add_depth};
+use volseggs_kernels::bell_rows::{BellSection, add_bell, add_depth};
 use volseggs_kernels::splat::ALPHA_MAX;
 
 /// Standard deviations at which a Gaussian ends. The density there is 1/90 of its maximum.
@@ -45,7 +45,7 @@ pub struct Bell {
 
 /// What a Gaussian adds at a place where its bell curve is `e`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Profile {
+pub enum BellProfile {
     /// `opacity e`.
     Opacity,
     /// Extinction density of the depth `-ln(1 - opacity e)`, with which it is drawn at that distance.
@@ -121,7 +121,7 @@ impl Bell {
     }
 
     /// Adds the density at the cells `from..from + row.len()` of the row `(y, z)` to `row`.
-    pub fn add_row(&self, profile: Profile, y: usize, z: usize, from: usize, row: &mut [f32]) {
+    pub fn add_row(&self, profile: BellProfile, y: usize, z: usize, from: usize, row: &mut [f32]) {
         // Along the row the squared distance in standard deviations is a parabola `lowest + a (x - x0)^2`.
         let along = self.whiten.x_axis;
         let rest = self.whiten.y_axis * (y as f64 - self.centre.y) + self.whiten.z_axis * (z as f64 - self.centre.z);
@@ -138,11 +138,11 @@ impl Bell {
             return;
         }
         let cells = &mut row[low as usize - from..=high as usize - from];
-        let section = Section { lowest: lowest as f32, curvature: a as f32, start: (low - x0) as f32 };
+        let section = BellSection { lowest: lowest as f32, curvature: a as f32, start: (low - x0) as f32 };
         match profile {
-            Profile::Opacity => add_bell(cells, section, self.opacity),
-            Profile::Drawn => add_depth(cells, section, self.opacity, self.density),
-            Profile::Content => add_bell(cells, section, self.density * self.depth),
+            BellProfile::Opacity => add_bell(cells, section, self.opacity),
+            BellProfile::Drawn => add_depth(cells, section, self.opacity, self.density),
+            BellProfile::Content => add_bell(cells, section, self.density * self.depth),
         }
     }
 }

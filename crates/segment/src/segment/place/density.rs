@@ -1,7 +1,7 @@
 //! The density of Gaussians on the cells that they reach.
 
 use super::Cloud;
-use super::bell::{Bell, Profile};
+use super::bell::{Bell, BellProfile};
 use crate::volume::grid::Grid;
 use rayon::prelude::*;
 
@@ -22,7 +22,7 @@ pub struct Density {
 
 impl Density {
     /// Adds up `bells`, in their order, on the cells that they reach.
-    pub fn new(bells: &[Bell], profile: Profile) -> Self {
+    pub fn new(bells: &[Bell], profile: BellProfile) -> Self {
         let (mut low, mut high) = ([u32::MAX; 3], [0; 3]);
         for bell in bells {
             for k in 0..3 {
@@ -71,10 +71,10 @@ impl Density {
     }
 }
 
-/// The extinction density of `bells` at all cells of a grid, `[z, y, x]`, by [`Profile::Content`].
+/// The extinction density of `bells` at all cells of a grid, `[z, y, x]`, by [`BellProfile::Content`].
 pub fn content(bells: &[Bell], dims: [usize; 3]) -> Vec<f32> {
     let mut out = vec![0.0; dims.iter().product()];
-    Density::new(bells, Profile::Content).rows(dims, &mut out, |values, out| out.copy_from_slice(values));
+    Density::new(bells, BellProfile::Content).rows(dims, &mut out, |values, out| out.copy_from_slice(values));
     out
 }
 
@@ -100,13 +100,13 @@ pub fn bells(cloud: &Cloud<'_>, grid: &Grid, smallest: f64) -> Vec<Bell> {
 
 /// Returns the cells where the opacities of all Gaussians of `cloud`, each times its bell curve, add up to more than
 /// `threshold`, `[z, y, x]`; a Gaussian has standard deviations of at least half of the smallest spacing. It is a test
-/// of shape alone, for [`necks`](crate::segment::necks); where a segment is, [`super::Places`] says.
+/// of shape alone, for [`necks`](crate::segment::necks); where a segment is, [`super::SegmentPlaces`] says.
 ///
 /// # Errors
 /// If arrays of `cloud` disagree, or the grid is impossible.
 pub fn solid(cloud: &Cloud<'_>, grid: &Grid, threshold: f32) -> Result<Vec<bool>, super::PlaceError> {
     let mut solid = vec![false; super::check(cloud, grid)?];
-    let density = Density::new(&bells(cloud, grid, super::smallest(grid)), Profile::Opacity);
+    let density = Density::new(&bells(cloud, grid, super::smallest(grid)), BellProfile::Opacity);
     density.rows(grid.dims, &mut solid, |values, out| {
         values.iter().zip(out).for_each(|(value, out)| *out = *value > threshold);
     });

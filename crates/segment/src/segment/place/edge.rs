@@ -12,7 +12,7 @@ const BIN_BITS: u32 = 16;
 
 /// Where one segment ends.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Edge {
+pub struct SegmentEdge {
     /// The density at its edge, per unit of length.
     pub density: f32,
     /// The length `L_S`.
@@ -21,7 +21,7 @@ pub struct Edge {
     pub typical: f64,
 }
 
-impl Edge {
+impl SegmentEdge {
     /// Where the segment of `party` ends, whose density is `density`: where its local opacity is `share` of the typical
     /// one.
     pub fn new(density: &Density, party: &[Bell], grid: &Grid, share: f32) -> Self {

@@ -1,6 +1,7 @@
 //! Fields on a grid: the extinction density of Gaussians, and averages of their values weighted by it.
 //!
-//! The density is that of [`Profile::Content`](super::bell::Profile::Content), the optical depth per length of a path:
+//! The density is that of [`BellProfile::Content`](super::bell::BellProfile::Content), the optical depth per length of
+//! a path:
 //!
 //! ```text
 //! density(x) = sum_i s_i^2 / (sqrt(2 pi) a_i b_i c_i) tau_i exp(-d_i(x)^2 / 2)     tau_i = -ln(1 - opacity_i)
@@ -16,7 +17,7 @@ use crate::volume::grid::Grid;
 
 /// The density of Gaussians on a grid, and what averages weighted by it need.
 #[derive(Debug)]
-pub struct Fields {
+pub struct DensityFields {
     dims: [usize; 3],
     /// The Gaussians that reach the grid, by index.
     bells: Vec<Bell>,
@@ -24,7 +25,7 @@ pub struct Fields {
     pub density: Vec<f32>,
 }
 
-impl Fields {
+impl DensityFields {
     /// Scatters the density of Gaussians to the centres of cells; their labels do not matter. Gaussians with a
     /// non-finite number, a quaternion of length 0, or a scale beyond single precision do not count. One that is thinner
     /// than half a cell is widened to it, with the same integral.
@@ -59,7 +60,7 @@ mod tests {
     use std::f64::consts::TAU;
 
     /// One Gaussian in the middle of a grid of `n`^3 cells of side 0.1.
-    fn one(n: usize, log_scales: [f32; 3], opacity: f32) -> (Fields, f64) {
+    fn one(n: usize, log_scales: [f32; 3], opacity: f32) -> (DensityFields, f64) {
         let half = 0.05 * (n - 1) as f64;
         let cloud = Cloud {
             means: &[0.0; 3],
@@ -68,7 +69,7 @@ mod tests {
             opacity: &[opacity],
             labels: &[0],
         };
-        (Fields::new(&cloud, &Grid::aligned([n; 3], [0.1; 3], [-half; 3])).unwrap(), 0.1f64.powi(3))
+        (DensityFields::new(&cloud, &Grid::aligned([n; 3], [0.1; 3], [-half; 3])).unwrap(), 0.1f64.powi(3))
     }
 
     #[test]
@@ -99,7 +100,7 @@ mod tests {
             opacity: &[0.4, 0.4],
             labels: &[0, 0],
         };
-        let average = || Fields::new(&cloud, &grid).unwrap().average(|i| [-2.0, f32::NAN, 4.0][2 * i]);
+        let average = || DensityFields::new(&cloud, &grid).unwrap().average(|i| [-2.0, f32::NAN, 4.0][2 * i]);
         let found = average();
         let at = |x: usize| found[(4 * 9 + 4) * 40 + x];
         assert_eq!((at(3), at(21), at(39)), (-2.0, 4.0, 0.0));

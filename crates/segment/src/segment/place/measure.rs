@@ -1,6 +1,6 @@
 //! How large segments are and where, from their places.
 
-use super::{Cell, Places};
+use super::{PlaceCell, SegmentPlaces};
 use rayon::prelude::*;
 
 /// Sums over the place of one segment, in the units of the grid.
@@ -24,7 +24,7 @@ pub struct Measure {
 
 /// Sums in cells, about the first cell of the grid.
 #[derive(Clone, Copy)]
-struct Sums {
+struct CellSums {
     cells: u64,
     hidden: u64,
     weight: f64,
@@ -34,7 +34,7 @@ struct Sums {
     high: [usize; 3],
 }
 
-const NONE: Sums = Sums {
+const NONE: CellSums = CellSums {
     cells: 0,
     hidden: 0,
     weight: 0.0,
@@ -44,8 +44,8 @@ const NONE: Sums = Sums {
     high: [0; 3],
 };
 
-impl Sums {
-    fn add(&mut self, cell: &Cell, at: [usize; 3]) {
+impl CellSums {
+    fn add(&mut self, cell: &PlaceCell, at: [usize; 3]) {
         let weight = f64::from(cell.opacity);
         let place = at.map(|v| v as f64);
         self.cells += 1;
@@ -72,7 +72,7 @@ impl Sums {
     }
 }
 
-impl Places<'_> {
+impl SegmentPlaces<'_> {
     /// Measures the segments with these labels; `None` for one that is nowhere.
     pub fn measure(&self, labels: &[u32]) -> Vec<Option<Measure>> {
         let mut column = vec![usize::MAX; self.edges.len()];
@@ -82,7 +82,7 @@ impl Places<'_> {
             }
         }
         let [x, y, _] = self.grid.dims;
-        let slice = |(k, cells): (usize, &[Cell])| {
+        let slice = |(k, cells): (usize, &[PlaceCell])| {
             let mut sums = vec![NONE; labels.len()];
             for (c, cell) in cells.iter().enumerate().filter(|(_, cell)| cell.density > 0.0) {
                 if let Some(sums) = sums.get_mut(column[usize::from(cell.owner)]) {
@@ -91,7 +91,7 @@ impl Places<'_> {
             }
             sums
         };
-        let slices: Vec<Vec<Sums>> = self.cells.par_chunks(x * y).enumerate().map(slice).collect();
+        let slices: Vec<Vec<CellSums>> = self.cells.par_chunks(x * y).enumerate().map(slice).collect();
         let mut total = vec![NONE; labels.len()];
         for slice in &slices {
             total.iter_mut().zip(slice).for_each(|(total, part)| total.join(part));
@@ -99,7 +99,7 @@ impl Places<'_> {
         total.iter().map(|sums| self.finish(sums)).collect()
     }
 
-    fn finish(&self, sums: &Sums) -> Option<Measure> {
+    fn finish(&self, sums: &CellSums) -> Option<Measure> {
         if sums.cells == 0 {
             return None;
         }

@@ -45,13 +45,13 @@ pub mod sight;
 #[cfg(test)]
 mod tests;
 
-pub use edge::Edge;
-pub use fields::Fields;
+pub use edge::SegmentEdge;
+pub use fields::DensityFields;
 pub use measure::Measure;
 
 use crate::model::HostGaussians;
 use crate::volume::grid::{Grid, face_neighbours};
-use bell::{Bell, Profile};
+use bell::{Bell, BellProfile};
 use density::{Density, bells, content};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -145,7 +145,7 @@ pub fn scene_grid(centre: [f32; 3], half_size: [f32; 3]) -> Grid {
 
 /// One cell.
 #[derive(Clone, Copy, Debug, Default)]
-struct Cell {
+struct PlaceCell {
     /// Density of the owner; 0 if there is none.
     density: f32,
     /// Local opacity of the owner.
@@ -165,16 +165,16 @@ struct Site {
 
 /// Where segments are at one time.
 #[derive(Debug)]
-pub struct Places<'a> {
+pub struct SegmentPlaces<'a> {
     cloud: Cloud<'a>,
     grid: Grid,
-    cells: Vec<Cell>,
+    cells: Vec<PlaceCell>,
     /// By label.
-    edges: Vec<Edge>,
+    edges: Vec<SegmentEdge>,
     sites: Vec<Site>,
 }
 
-impl<'a> Places<'a> {
+impl<'a> SegmentPlaces<'a> {
     /// Finds the places of the segments of `cloud` on the cells of `grid`; a segment is where its local opacity is at
     /// least `share` of the typical one.
     ///
@@ -183,22 +183,22 @@ impl<'a> Places<'a> {
     /// # Errors
     /// [`PlaceError`]: arrays that disagree, a label above 65535, an impossible grid or share.
     pub fn new(cloud: Cloud<'a>, grid: &Grid, share: f32) -> Result<Self, PlaceError> {
-        let mut cells = vec![Cell::default(); check(&cloud, grid)?];
+        let mut cells = vec![PlaceCell::default(); check(&cloud, grid)?];
         if !(0.0..=1.0).contains(&share) {
             return Err(PlaceError::Share(share));
         }
         let bells = bells(&cloud, grid, smallest(grid));
         let labels = cloud.labels.iter().max().map_or(1, |l| *l as usize + 1);
-        let mut edges = vec![Edge::default(); labels];
+        let mut edges = vec![SegmentEdge::default(); labels];
         for party in bells.chunk_by(|a, b| a.label == b.label) {
             let label = party[0].label;
-            let density = Density::new(party, Profile::Drawn);
-            let edge = Edge::new(&density, party, grid, share);
+            let density = Density::new(party, BellProfile::Drawn);
+            let edge = SegmentEdge::new(&density, party, grid, share);
             density.rows(grid.dims, &mut cells, |values, cells| {
                 for (value, cell) in values.iter().zip(cells) {
                     if *value >= edge.density && *value > cell.density {
                         let opacity = -(-f64::from(*value) * edge.path).exp_m1();
-                        *cell = Cell { density: *value, opacity: opacity as f32, owner: label as u16, ..*cell };
+                        *cell = PlaceCell { density: *value, opacity: opacity as f32, owner: label as u16, ..*cell };
                     }
                 }
             });
@@ -225,7 +225,7 @@ impl<'a> Places<'a> {
         open.dedup();
         let mut open = VecDeque::from(open);
         while let Some(c) = open.pop_front() {
-            let Cell { owner, density, .. } = self.cells[c];
+            let PlaceCell { owner, density, .. } = self.cells[c];
             for n in around(c).filter(|n| hidden[*n]) {
                 let cell = &mut self.cells[n];
                 if !cell.hidden {
@@ -244,7 +244,7 @@ impl<'a> Places<'a> {
     }
 
     /// Where the segment `label` ends; zeros if it is nowhere.
-    pub fn edge(&self, label: u32) -> Edge {
+    pub fn edge(&self, label: u32) -> SegmentEdge {
         self.edges.get(label as usize).copied().unwrap_or_default()
     }
 
@@ -297,7 +297,7 @@ impl<'a> Places<'a> {
         for party in bells(&along, grid, smallest).chunk_by(|a, b| a.label == b.label) {
             let label = party[0].label;
             let edge = self.edge(label).density;
-            Density::new(party, Profile::Drawn).rows(grid.dims, &mut voxels, |values, voxels| {
+            Density::new(party, BellProfile::Drawn).rows(grid.dims, &mut voxels, |values, voxels| {
                 for (value, voxel) in values.iter().zip(voxels) {
                     if edge > 0.0 && *value >= edge && *value > voxel.0 {
                         *voxel = (*value, label as u16);

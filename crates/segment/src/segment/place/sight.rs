@@ -15,14 +15,14 @@ const CHUNK: usize = 1 << 14;
 
 /// One step of a ray through the grid.
 #[derive(Clone, Copy)]
-struct Step {
+struct RayStep {
     by: [isize; 3],
     length: f64,
 }
 
 /// The light that leaves a cell.
 #[derive(Clone, Copy, Default)]
-struct Light {
+struct CellLight {
     /// Of the lines through it, the sum of the shares that get through.
     through: f64,
     /// Over the ways out of it, the sum of the shares that get out.
@@ -81,7 +81,7 @@ fn pooled(density: &[f32], dims: [usize; 3], first: [usize; 3], pairs: [usize; 3
 fn dark(density: &[f32], dims: [usize; 3], spacing: [f64; 3]) -> Vec<bool> {
     let steps = steps(spacing);
     let (lines, ways) = (UNSEEN * steps.len() as f64, OPEN * 2.0 * steps.len() as f64);
-    let mut light = vec![Light::default(); density.len()];
+    let mut light = vec![CellLight::default(); density.len()];
     for step in &steps {
         let (there, back) =
             rayon::join(|| sums_beyond(density, dims, step.by), || sums_beyond(density, dims, step.by.map(|b| -b)));
@@ -135,12 +135,12 @@ fn sums_beyond(density: &[f32], [x, y, z]: [usize; 3], by: [isize; 3]) -> Vec<f6
 }
 
 /// Steps to 13 neighbours; the other 13 are in the opposite directions.
-fn steps(spacing: [f64; 3]) -> Vec<Step> {
+fn steps(spacing: [f64; 3]) -> Vec<RayStep> {
     let mut steps = Vec::with_capacity(13);
     for code in 0..13 {
         let by = [code % 3 - 1, code / 3 % 3 - 1, code / 9 - 1];
         let length = (0..3).map(|k| (by[k] as f64 * spacing[k]).powi(2)).sum::<f64>().sqrt();
-        steps.push(Step { by, length });
+        steps.push(RayStep { by, length });
     }
     steps
 }

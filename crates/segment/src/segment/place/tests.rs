@@ -84,7 +84,7 @@ fn ball(radius: f64) -> f64 {
 }
 
 fn volumes(all: &Owned, grid: &Grid) -> Vec<f64> {
-    let places = Places::new(all.cloud(), grid, SHARE).unwrap();
+    let places = SegmentPlaces::new(all.cloud(), grid, SHARE).unwrap();
     let labels: Vec<u32> = (1..=all.labels.iter().copied().max().unwrap_or(0)).collect();
     places.measure(&labels).iter().map(|m| m.map_or(0.0, |m| m.volume)).collect()
 }
@@ -94,7 +94,7 @@ fn the_density_is_that_of_a_direct_sum_and_adds_up_to_the_content() {
     let grid = Grid::aligned([40, 50, 44], [0.5, 0.4, 0.45], [-5.0, -5.0, -5.0]);
     let all = Owned::random(200, 1, 10.0, 3);
     let bells = density::bells(&all.cloud(), &grid, 0.0);
-    let density = Density::new(&bells, Profile::Content);
+    let density = Density::new(&bells, BellProfile::Content);
     let value = |c: [usize; 3]| {
         let [x, y, z] = std::array::from_fn(|k| c[k] - density.first[k]);
         f64::from(density.values[(z * density.dims[1] + y) * density.dims[0] + x])
@@ -125,8 +125,8 @@ fn the_density_is_that_of_a_direct_sum_and_adds_up_to_the_content() {
         one.push([0.1, 0.2, 0.3], [0.9, 0.1, -0.3, 0.2], scale, 0.6, 1);
         for cell in [0.25, 0.5] {
             let bells = density::bells(&one.cloud(), &super::tests::grid(cell), 0.5 * cell);
-            let sum =
-                Density::new(&bells, Profile::Content).values.iter().map(|v| f64::from(*v)).sum::<f64>() * cell.powi(3);
+            let sum = Density::new(&bells, BellProfile::Content).values.iter().map(|v| f64::from(*v)).sum::<f64>()
+                * cell.powi(3);
             assert!((sum / one.cloud().content(0) - 0.971).abs() < 0.03, "{scale:?} {cell}: {sum}");
         }
     }
@@ -181,7 +181,7 @@ fn an_opaque_surface_is_full_and_a_translucent_one_is_not() {
     let measured = |density: f64, inner: f64| {
         let mut all = Owned::default();
         all.fill(0.5, density, 1, |p| (inner..=10.0).contains(&p.length()));
-        let places = Places::new(all.cloud(), &grid(0.4), SHARE).unwrap();
+        let places = SegmentPlaces::new(all.cloud(), &grid(0.4), SHARE).unwrap();
         (places.measure(&[1])[0].unwrap(), silhouette(&all, 1, DVec3::ZERO))
     };
     let (opaque, radius) = measured(20.0, 9.0);
@@ -232,7 +232,7 @@ fn labels_on_other_voxels_are_those_of_the_cells() {
     all.fill(0.5, 20.0, 1, |p| (4.0..5.0).contains(&p.distance(centres[0])));
     all.fill(1.0, 0.05, 2, |p| p.distance(centres[1]) < 6.0);
     let radii = [silhouette(&all, 1, centres[0]), 6.0];
-    let places = Places::new(all.cloud(), &grid(0.4), SHARE).unwrap();
+    let places = SegmentPlaces::new(all.cloud(), &grid(0.4), SHARE).unwrap();
     assert_eq!(places.labels_on(all.cloud(), &grid(0.4), |p| p).unwrap(), places.labels());
     let voxels = Grid::aligned([30, 37, 27], [1.1, 0.9, 1.3], [-15.0, -16.0, -17.0]);
     let found = places.labels_on(all.cloud(), &voxels, |p| p).unwrap();
@@ -263,7 +263,7 @@ fn flat_gaussians_leave_no_holes() {
             all.push((12.0 * n).into(), [q.w, q.x, q.y, q.z], [0.7, 0.7, 0.07], 0.6, 1);
         }
     }
-    let labels = Places::new(all.cloud(), &grid(0.7), SHARE).unwrap();
+    let labels = SegmentPlaces::new(all.cloud(), &grid(0.7), SHARE).unwrap();
     let (dims, cell) = (labels.grid().dims, 0.7);
     let labels = labels.labels();
     let away = |c: usize| {
@@ -282,7 +282,7 @@ fn the_number_of_threads_does_not_matter() {
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let places = Places::new(all.cloud(), &grid(0.5), SHARE).unwrap();
+            let places = SegmentPlaces::new(all.cloud(), &grid(0.5), SHARE).unwrap();
             (places.labels(), places.measure(&[1, 5, 8]), places.shares())
         })
     };
@@ -298,14 +298,14 @@ fn the_rest_occupies_places_too_and_equal_densities_go_to_the_smaller_label() {
     for (x, opacity, label) in [(0.0, 0.5, 3), (0.0, 0.6, 0), (1.0, 0.5, 7), (1.0, 0.5, 5), (2.0, 0.05, 2)] {
         all.push([x, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.2; 3], opacity, label);
     }
-    let places = Places::new(all.cloud(), &row, SHARE).unwrap();
+    let places = SegmentPlaces::new(all.cloud(), &row, SHARE).unwrap();
     assert_eq!(places.labels(), [0, 5, 2, 0]);
 }
 
 #[test]
 fn degenerate_gaussians_do_not_count() {
     let all = Owned::random(100, 4, 15.0, 2);
-    let found = |all: &Owned| Places::new(all.cloud(), &grid(0.8), SHARE).unwrap().labels();
+    let found = |all: &Owned| SegmentPlaces::new(all.cloud(), &grid(0.8), SHARE).unwrap().labels();
     let clean = found(&all);
     for poison in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -1e30, f32::MAX] {
         for array in 0..4 {
@@ -327,7 +327,7 @@ fn degenerate_gaussians_do_not_count() {
 fn impossible_input_is_refused() {
     let grid = grid(1.0);
     let all = Owned::random(3, 4, 60.0, 2);
-    let error = |cloud, grid: Grid, share| Places::new(cloud, &grid, share).unwrap_err();
+    let error = |cloud, grid: Grid, share| SegmentPlaces::new(cloud, &grid, share).unwrap_err();
     let short = Cloud { opacity: &all.opacity[..2], ..all.cloud() };
     assert!(matches!(error(short, grid, 0.5), PlaceError::Shape { field: "opacity", expected: 3, found: 2 }));
     let high = Cloud { labels: &[0, 65_536, 1], ..all.cloud() };
@@ -343,7 +343,7 @@ fn impossible_input_is_refused() {
     assert!(matches!(error(all.cloud(), grid, f32::NAN), PlaceError::Share(_)));
     assert!(matches!(error(all.cloud(), grid, 1.5), PlaceError::Share(_)));
     let none = Owned::default();
-    let places = Places::new(none.cloud(), &grid, SHARE).unwrap();
+    let places = SegmentPlaces::new(none.cloud(), &grid, SHARE).unwrap();
     assert!(places.labels().iter().all(|l| *l == 0) && places.measure(&[1]).iter().all(Option::is_none));
     assert_eq!(scene_grid([0.0; 3], [1.0, 0.5, 0.0]).dims[2], 1);
 }
@@ -355,7 +355,7 @@ proptest! {
         let centre = DVec3::new(x, y, 1.5);
         let mut all = Owned::default();
         all.fill(1.0, 10f64.powf(log), 1, |p| p.distance(centre) < radius);
-        let places = Places::new(all.cloud(), &grid(0.5), SHARE).unwrap();
+        let places = SegmentPlaces::new(all.cloud(), &grid(0.5), SHARE).unwrap();
         let found = places.measure(&[1])[0].unwrap();
         prop_assert!(DVec3::from(found.centroid).distance(centre) < 0.3, "{:?} {}", found.centroid, centre);
         prop_assert!((found.volume / ball(radius) - 1.0).abs() < 0.2, "{}", found.volume / ball(radius));
@@ -370,7 +370,7 @@ proptest! {
     fn a_lower_share_never_takes_a_place_away(seed in 0u64..50) {
         let mut all = Owned::random(60, 2, 15.0, seed);
         all.labels.fill(1);
-        let labels = |share| Places::new(all.cloud(), &grid(1.0), share).unwrap().labels();
+        let labels = |share| SegmentPlaces::new(all.cloud(), &grid(1.0), share).unwrap().labels();
         let [loose, tight] = [0.3, 0.7].map(labels);
         for (loose, tight) in loose.iter().zip(&tight) {
             prop_assert!(*tight == 0 || *loose > 0);

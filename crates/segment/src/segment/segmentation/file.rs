@@ -28,7 +28,7 @@ pub(in crate::segment) struct Past {
 
 /// A change, and the segments on its other side: before a change that can be undone, after one that can be redone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(in crate::segment) struct Step {
+pub(in crate::segment) struct HistoryStep {
     /// What was done, such as `remove pair`.
     pub change: String,
     /// The segments.
@@ -40,13 +40,13 @@ pub(in crate::segment) struct Step {
 
 /// Changes that can be undone and redone, the next one last, and the members of their segments by key.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(in crate::segment) struct Steps {
-    pub undo: Vec<Step>,
-    pub redo: Vec<Step>,
+pub(in crate::segment) struct HistorySteps {
+    pub undo: Vec<HistoryStep>,
+    pub redo: Vec<HistoryStep>,
     pub members: BTreeMap<String, Vec<u32>>,
 }
 
-impl Steps {
+impl HistorySteps {
     /// Keys of the members that the steps need.
     fn needed(&self) -> BTreeSet<&str> {
         let steps = self.undo.iter().chain(&self.redo);
@@ -56,12 +56,12 @@ impl Steps {
 
 /// The header entry; borrowed when it is written.
 #[derive(Serialize, Deserialize)]
-struct Entry<'a> {
+struct SegmentationHeader<'a> {
     gaussians: usize,
     scene: Cow<'a, str>,
     segments: Cow<'a, [Segment]>,
-    undo: Cow<'a, [Step]>,
-    redo: Cow<'a, [Step]>,
+    undo: Cow<'a, [HistoryStep]>,
+    redo: Cow<'a, [HistoryStep]>,
 }
 
 fn bytes(members: &[u32]) -> Vec<u8> {
@@ -79,7 +79,7 @@ impl Segmentation {
     /// # Errors
     /// If it cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), SegmentationError> {
-        write(path, self, &Steps::default())
+        write(path, self, &HistorySteps::default())
     }
 
     /// Reads the segments of a file.
@@ -87,12 +87,16 @@ impl Segmentation {
     /// # Errors
     /// If the file is missing or damaged, or names a Gaussian that the scene does not have.
     pub fn load(path: &Path) -> Result<Self, SegmentationError> {
-        Ok(open(path, |_, _| Ok(Steps::default()))?.0)
+        Ok(open(path, |_, _| Ok(HistorySteps::default()))?.0)
     }
 }
 
 /// Writes segments and steps.
-pub(in crate::segment) fn write(path: &Path, all: &Segmentation, steps: &Steps) -> Result<(), SegmentationError> {
+pub(in crate::segment) fn write(
+    path: &Path,
+    all: &Segmentation,
+    steps: &HistorySteps,
+) -> Result<(), SegmentationError> {
     let format = |reason: String| SegmentationError::Format { path: path.into(), reason };
     let mut tensors: Vec<(String, Vec<u8>)> =
         all.segments.iter().map(|s| (s.name.to_string(), bytes(&s.members))).collect();
@@ -109,7 +113,7 @@ pub(in crate::segment) fn write(path: &Path, all: &Segmentation, steps: &Steps) 
         .map(|(name, data)| Ok((name.as_str(), TensorView::new(Dtype::U32, vec![data.len() / 4], data)?)))
         .collect::<Result<Vec<_>, SafeTensorError>>()
         .map_err(|e| format(e.to_string()))?;
-    let entry = Entry {
+    let entry = SegmentationHeader {
         gaussians: all.gaussians,
         scene: all.scene.as_str().into(),
         segments: all.segments.as_slice().into(),
@@ -125,7 +129,7 @@ pub(in crate::segment) fn write(path: &Path, all: &Segmentation, steps: &Steps) 
 }
 
 /// Reads segments and steps.
-pub(in crate::segment) fn read(path: &Path) -> Result<(Segmentation, Steps), SegmentationError> {
+pub(in crate::segment) fn read(path: &Path) -> Result<(Segmentation, HistorySteps), SegmentationError> {
     open(path, past)
 }
 
@@ -133,14 +137,14 @@ pub(in crate::segment) fn read(path: &Path) -> Result<(Segmentation, Steps), Seg
 struct Opened<'a> {
     tensors: SafeTensors<'a>,
     all: &'a Segmentation,
-    undo: Vec<Step>,
-    redo: Vec<Step>,
+    undo: Vec<HistoryStep>,
+    redo: Vec<HistoryStep>,
 }
 
 fn open(
     path: &Path,
-    rest: impl Fn(&Path, Opened<'_>) -> Result<Steps, SegmentationError>,
-) -> Result<(Segmentation, Steps), SegmentationError> {
+    rest: impl Fn(&Path, Opened<'_>) -> Result<HistorySteps, SegmentationError>,
+) -> Result<(Segmentation, HistorySteps), SegmentationError> {
     let bytes = tensors::read(path)?;
     let format = |reason: String| SegmentationError::Format { path: path.into(), reason };
     let damaged = |e: SafeTensorError| format(format!("damaged or not a safetensors file: {e}"));
@@ -148,8 +152,8 @@ fn open(
     let tensors = SafeTensors::deserialize(&bytes).map_err(damaged)?;
     let entry = header.metadata().as_ref().and_then(|m| m.get(ENTRY));
     let entry = entry.ok_or_else(|| format(format!("no `{ENTRY}` entry in its header: not a segments file")))?;
-    let found: Entry<'static> = versioned::from_json(entry).map_err(|e| format(format!("header: {e}")))?;
-    let Entry { gaussians, scene, segments, undo, redo } = found;
+    let found: SegmentationHeader<'static> = versioned::from_json(entry).map_err(|e| format(format!("header: {e}")))?;
+    let SegmentationHeader { gaussians, scene, segments, undo, redo } = found;
     let mut all = Segmentation { gaussians, scene: scene.into_owned(), segments: segments.into_owned() };
     if u32::try_from(all.gaussians).is_err() {
         return Err(format(format!("header: `gaussians` is {}, more than any scene has", all.gaussians)));
@@ -168,8 +172,8 @@ fn open(
 }
 
 /// The steps of a file, with the members of their segments.
-fn past(path: &Path, file: Opened<'_>) -> Result<Steps, SegmentationError> {
-    let mut steps = Steps { undo: file.undo, redo: file.redo, members: BTreeMap::new() };
+fn past(path: &Path, file: Opened<'_>) -> Result<HistorySteps, SegmentationError> {
+    let mut steps = HistorySteps { undo: file.undo, redo: file.redo, members: BTreeMap::new() };
     let keys: BTreeSet<String> = steps.needed().into_iter().map(str::to_owned).collect();
     if keys.is_empty() {
         return Ok(steps);

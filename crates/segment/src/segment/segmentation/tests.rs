@@ -6,7 +6,7 @@ fn segment(name: &str, parent: Option<&str>, members: &[u32]) -> Segment {
         parent: parent.map(|p| Name::new(p).unwrap()),
         colour: [0.5, 0.25, 1.0],
         time: 0.3,
-        origin: Origin::Fine { scale: 0.1 },
+        origin: SegmentOrigin::Fine { scale: 0.1 },
         members: members.to_vec(),
     }
 }
@@ -80,7 +80,7 @@ fn a_tree_has_each_part_below_its_whole() {
 fn a_split_replaces_only_the_parts_of_an_earlier_split() {
     let mut all = three();
     let pick = |all: &mut Segmentation, name: &str, parent: &str| {
-        let origin = Origin::Pick { scale: 0.5, threshold: 0.8 };
+        let origin = SegmentOrigin::Pick { scale: 0.5, threshold: 0.8 };
         all.add(Segment { origin, ..segment(name, Some(parent), &[1]) }).unwrap();
     };
     pick(&mut all, "mine", "red");

@@ -1,11 +1,11 @@
 //! Shared by the readers: checked sizes, names of scalar types, mapped files. No file format here.
 
 use crate::files::open_regular;
-use crate::memory::{Budget, product};
+use crate::memory::{MemoryBudget, product};
 use crate::volume::directions::Directions;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::{Grid, ScalarType};
-use crate::volume::source::{Physical, VOXELS};
+use crate::volume::source::{PhysicalMetadata, VOXELS};
 use memmap2::{Mmap, MmapOptions};
 use std::fs::File;
 use std::path::Path;
@@ -15,7 +15,7 @@ const MAX_DISTANCE: f64 = 1e30;
 
 /// Checked sizes of the values of a file: nothing computed from them overflows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Shape {
+pub struct VolumeShape {
     /// Voxels along x, y, z.
     pub dims: [usize; 3],
     /// Time steps, at least 1.
@@ -28,7 +28,7 @@ pub struct Shape {
     pub total_bytes: u64,
 }
 
-impl Shape {
+impl VolumeShape {
     /// Checks `dims` (x, y, z) and `steps`, read from the named field of the file.
     ///
     /// # Errors
@@ -99,11 +99,11 @@ pub fn placed(
     dims: [usize; 3],
     spacing: Option<[f64; 3]>,
     origin: Option<[f64; 3]>,
-) -> Result<(Grid, Physical), VolumeError> {
+) -> Result<(Grid, PhysicalMetadata), VolumeError> {
     let length_unit = spacing.is_none().then(|| VOXELS.to_owned());
     let spacing = check_spacing(from, "spacing", spacing.unwrap_or([1.0; 3]))?;
     let origin = check_origin(from, "origin", origin.unwrap_or([0.0; 3]))?;
-    Ok((Grid::aligned(dims, spacing, origin), Physical { length_unit, ..Physical::default() }))
+    Ok((Grid::aligned(dims, spacing, origin), PhysicalMetadata { length_unit, ..PhysicalMetadata::default() }))
 }
 
 /// The directions and spacing of a grid from the vectors that lead from a voxel to the next along x, y, z, given by the
@@ -165,7 +165,7 @@ pub fn reserve(path: &Path, out: &mut Vec<f32>, n: usize) -> Result<(), VolumeEr
     out.clear();
     let more = product(&[n.saturating_sub(out.capacity()), size_of::<f32>()]);
     let refused = |problem: String| VolumeError::invalid(path, "size", problem, "or use a coarser volume");
-    Budget::now().check(format!("one step of {n} voxels"), more).map_err(|e| refused(e.to_string()))?;
+    MemoryBudget::now().check(format!("one step of {n} voxels"), more).map_err(|e| refused(e.to_string()))?;
     out.try_reserve_exact(n).map_err(|_| refused(format!("one step of {n} voxels does not fit into memory")))
 }
 
@@ -188,11 +188,11 @@ mod tests {
     #[test]
     fn sizes_that_overflow_or_hold_nothing_are_refused() {
         let p = Path::new("a.raw");
-        assert!(Shape::new(p, "dims", [1 << 32, 1 << 32, 2], 1, ScalarType::U8).is_err());
-        assert!(Shape::new(p, "dims", [1 << 20, 1 << 20, 1 << 10], 1 << 20, ScalarType::F64).is_err());
-        assert!(Shape::new(p, "dims", [1, 0, 1], 1, ScalarType::U8).is_err());
-        assert!(Shape::new(p, "dims", [1, 1, 1], 0, ScalarType::U8).is_err());
-        let s = Shape::new(p, "dims", [2, 3, 4], 5, ScalarType::U16).unwrap();
+        assert!(VolumeShape::new(p, "dims", [1 << 32, 1 << 32, 2], 1, ScalarType::U8).is_err());
+        assert!(VolumeShape::new(p, "dims", [1 << 20, 1 << 20, 1 << 10], 1 << 20, ScalarType::F64).is_err());
+        assert!(VolumeShape::new(p, "dims", [1, 0, 1], 1, ScalarType::U8).is_err());
+        assert!(VolumeShape::new(p, "dims", [1, 1, 1], 0, ScalarType::U8).is_err());
+        let s = VolumeShape::new(p, "dims", [2, 3, 4], 5, ScalarType::U16).unwrap();
         assert_eq!((s.voxels, s.step_bytes, s.total_bytes), (24, 48, 240));
     }
 

@@ -21,7 +21,7 @@ pub const READ: &str = ".nrrd, .nhdr, .npy, .vti, .nii, .nii.gz, and .raw/.bin/.
 
 /// A file format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Format {
+pub enum VolumeFormat {
     /// Plain values, described by a sidecar.
     Raw,
     /// NumPy array.
@@ -35,17 +35,17 @@ pub enum Format {
 }
 
 /// The format of a file by its name, and the length of its extension in bytes with the dot; case does not matter.
-pub fn format_of(path: &Path) -> Option<(Format, usize)> {
-    const KNOWN: [(&str, Format); 9] = [
-        (".nii.gz", Format::Nifti),
-        (".nii", Format::Nifti),
-        (".vti", Format::Vti),
-        (".nrrd", Format::Nrrd),
-        (".nhdr", Format::Nrrd),
-        (".npy", Format::Npy),
-        (".raw", Format::Raw),
-        (".bin", Format::Raw),
-        (".dat", Format::Raw),
+pub fn format_of(path: &Path) -> Option<(VolumeFormat, usize)> {
+    const KNOWN: [(&str, VolumeFormat); 9] = [
+        (".nii.gz", VolumeFormat::Nifti),
+        (".nii", VolumeFormat::Nifti),
+        (".vti", VolumeFormat::Vti),
+        (".nrrd", VolumeFormat::Nrrd),
+        (".nhdr", VolumeFormat::Nrrd),
+        (".npy", VolumeFormat::Npy),
+        (".raw", VolumeFormat::Raw),
+        (".bin", VolumeFormat::Raw),
+        (".dat", VolumeFormat::Raw),
     ];
     let name = path.file_name()?.to_string_lossy().to_ascii_lowercase();
     KNOWN.iter().find(|(e, _)| name.len() > e.len() && name.ends_with(e)).map(|(e, f)| (*f, e.len()))
@@ -101,16 +101,16 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
 /// As [`open`]; no such array, or a format whose files hold one field.
 pub fn open_variable(path: &Path, variable: Option<&str>) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let format = format_of(path).map(|(format, _)| format);
-    if let (Some(name), Some(_)) = (variable, format.filter(|f| *f != Format::Vti)) {
+    if let (Some(name), Some(_)) = (variable, format.filter(|f| *f != VolumeFormat::Vti)) {
         let problem = format!("{name:?} is requested, but such files hold one field without a name");
         return Err(VolumeError::invalid(path, "--variable", problem, "omit it; it is for .vti"));
     }
     match format {
-        Some(Format::Raw) => raw::open(path),
-        Some(Format::Npy) => npy::open(path),
-        Some(Format::Nrrd) => nrrd::open(path),
-        Some(Format::Vti) => vti::open(path, variable),
-        Some(Format::Nifti) => nifti::open(path),
+        Some(VolumeFormat::Raw) => raw::open(path),
+        Some(VolumeFormat::Npy) => npy::open(path),
+        Some(VolumeFormat::Nrrd) => nrrd::open(path),
+        Some(VolumeFormat::Vti) => vti::open(path, variable),
+        Some(VolumeFormat::Nifti) => nifti::open(path),
         None if !path.exists() => Err(VolumeError::invalid(
             path,
             "file",

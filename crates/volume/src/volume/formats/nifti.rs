@@ -11,7 +11,7 @@ use super::stream::{read_error, read_values};
 use crate::files::open_regular;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::ScalarType;
-use crate::volume::source::{Header, VolumeFile};
+use crate::volume::source::{VolumeFile, VolumeHeader};
 use flate2::read::MultiGzDecoder;
 use nifti::{Endianness, NiftiError, NiftiHeader, NiftiType};
 use std::io::{self, BufReader, ErrorKind, Read, Seek, SeekFrom};
@@ -56,7 +56,7 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
             format!("{:?} voxels in {steps} steps are more than the file of {file_len} bytes can hold", grid.dims);
         return Err(VolumeError::invalid(path, "dim", problem, REWRITE));
     }
-    let header = Header { grid, scalar: kind, steps, physical, notes };
+    let header = VolumeHeader { grid, scalar: kind, steps, physical, notes };
     let endian = if raw.endianness == Endianness::Big { Endian::Big } else { Endian::Little };
     Ok(Box::new(Nifti { path: path.to_owned(), header, gz, start, kind, endian, scale: scale(&raw) }))
 }
@@ -65,7 +65,7 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
 #[derive(Debug)]
 struct Nifti {
     path: PathBuf,
-    header: Header,
+    header: VolumeHeader,
     gz: bool,
     /// First byte of the values, in the decompressed stream.
     start: u64,
@@ -75,7 +75,7 @@ struct Nifti {
 }
 
 impl VolumeFile for Nifti {
-    fn header(&self) -> &Header {
+    fn header(&self) -> &VolumeHeader {
         &self.header
     }
 

@@ -1,13 +1,13 @@
 //! NumPy `.npy` arrays `[z, y, x]` or `[t, z, y, x]`, in C or Fortran order. The header is parsed here by hand:
 //! one flat dictionary, no nesting, so that no header can exhaust the stack or the memory.
 
-use super::common::{self, Shape};
+use super::common::{self, VolumeShape};
 use super::decode::{Endian, decode_into};
 use super::sidecar::{self, PlaceSidecar};
 use crate::files::{MARK, has_mark};
 use crate::volume::error::VolumeError;
 use crate::volume::grid::ScalarType;
-use crate::volume::source::{Header, VolumeFile};
+use crate::volume::source::{VolumeFile, VolumeHeader};
 use rayon::prelude::*;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -19,8 +19,8 @@ const MAX_HEADER: usize = 1 << 16;
 #[derive(Debug)]
 pub(super) struct ArrayFile {
     pub path: PathBuf,
-    pub header: Header,
-    pub shape: Shape,
+    pub header: VolumeHeader,
+    pub shape: VolumeShape,
     pub endian: Endian,
     /// Bytes before the first value.
     pub offset: u64,
@@ -75,7 +75,7 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
             return Err(bad("shape", problem, "save it as [z, y, x] or [t, z, y, x]"));
         }
     };
-    let shape = Shape::new(path, "shape", dims, steps, scalar)?;
+    let shape = VolumeShape::new(path, "shape", dims, steps, scalar)?;
     let offset = (8 + width + length) as u64;
     let excess = found.checked_sub(offset).and_then(|bytes| bytes.checked_sub(shape.total_bytes));
     // this program's own arrays end with its mark
@@ -94,12 +94,12 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     let place: PlaceSidecar = side.as_deref().map(sidecar::read).transpose()?.unwrap_or_default();
     let from = side.as_deref().unwrap_or(path);
     let (grid, physical) = common::placed(from, shape.dims, place.spacing, place.origin)?;
-    let header = Header { grid, scalar, steps: shape.steps, physical, notes: Vec::new() };
+    let header = VolumeHeader { grid, scalar, steps: shape.steps, physical, notes: Vec::new() };
     Ok(Box::new(ArrayFile { path: path.to_owned(), header, shape, endian, offset, fortran }))
 }
 
 impl VolumeFile for ArrayFile {
-    fn header(&self) -> &Header {
+    fn header(&self) -> &VolumeHeader {
         &self.header
     }
 
@@ -155,15 +155,15 @@ fn not_read(descr: &str) -> (&'static str, &'static str) {
 }
 
 #[derive(Default)]
-struct Fields {
+struct NpyHeaderFields {
     descr: Option<String>,
     fortran: Option<bool>,
     shape: Option<Vec<u64>>,
 }
 
 /// Parses `{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4), }`.
-fn dictionary(text: &str) -> Result<Fields, String> {
-    let mut fields = Fields::default();
+fn dictionary(text: &str) -> Result<NpyHeaderFields, String> {
+    let mut fields = NpyHeaderFields::default();
     let body = text.trim().strip_prefix('{').and_then(|t| t.strip_suffix('}'));
     let mut rest = body.ok_or("is not a dictionary")?.trim();
     while !rest.is_empty() {

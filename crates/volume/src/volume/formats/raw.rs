@@ -1,12 +1,12 @@
 //! Plain values in a `.raw`, `.bin` or `.dat` file, described by a sidecar `NAME.raw.toml`, `NAME.toml`,
 //! `NAME.raw.json` or `NAME.json`, or, for all files of a folder, `volume.toml` or `volume.json`.
 
-use super::common::{self, Shape};
+use super::common::{self, VolumeShape};
 use super::decode::Endian;
 use super::npy::ArrayFile;
 use super::sidecar::{self, RawSidecar};
 use crate::volume::error::VolumeError;
-use crate::volume::source::{Header, VolumeFile};
+use crate::volume::source::{VolumeFile, VolumeHeader};
 use std::path::{Path, PathBuf};
 
 /// The sidecar of a raw file, if any: its own takes precedence over that of the folder.
@@ -62,7 +62,7 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
             return Err(VolumeError::invalid(&side, "dims", problem, "give [x, y, z] or [x, y, z, steps]"));
         }
     };
-    let shape = Shape::new(&side, "dims", dims, steps, scalar)?;
+    let shape = VolumeShape::new(&side, "dims", dims, steps, scalar)?;
     let offset = fields.offset.unwrap_or(0);
     let expected = offset.checked_add(shape.total_bytes).ok_or_else(|| {
         let hint = "give the number of bytes before the values";
@@ -86,6 +86,6 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
         ));
     }
     let (grid, physical) = common::placed(&side, shape.dims, fields.spacing, fields.origin)?;
-    let header = Header { grid, scalar, steps: shape.steps, physical, notes: Vec::new() };
+    let header = VolumeHeader { grid, scalar, steps: shape.steps, physical, notes: Vec::new() };
     Ok(Box::new(ArrayFile { path: path.to_owned(), header, shape, endian, offset, fortran: false }))
 }

@@ -103,7 +103,7 @@ fn unknown_extension_lists_supported_formats() {
         assert!(message.contains(hint) && message.contains(name), "{message}");
     }
     assert_eq!((not_read(Path::new("a.nii.gz")), not_read(Path::new("a.nrrd"))), (None, None));
-    assert_eq!(format_of(Path::new("A.NII.GZ")), Some((Format::Nifti, 7)));
+    assert_eq!(format_of(Path::new("A.NII.GZ")), Some((VolumeFormat::Nifti, 7)));
     assert_eq!(format_of(Path::new(".raw")), None);
 }
 

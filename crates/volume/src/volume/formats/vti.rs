@@ -11,15 +11,15 @@ mod xml;
 
 use super::common;
 use super::stream::read_error;
-use crate::memory::Budget;
+use crate::memory::MemoryBudget;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::Grid;
-use crate::volume::source::{Header, Physical, Variable, VolumeFile};
-use data::{Encoding, Layout, Packing};
+use crate::volume::source::{PhysicalMetadata, VolumeFile, VolumeHeader, VolumeVariable};
+use data::{ArrayLayout, Packing, VtiEncoding};
 use glam::DVec3;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
-use xml::{Array, Document, Image, Section};
+use xml::{Array, ArraySection, Image, VtiDocument};
 
 /// Opens a `.vti` file and reads its markup; the values stay on disk. The array is the one called `variable`, or else
 /// the active one, or else the first, of those with one component.
@@ -41,9 +41,9 @@ pub fn open(path: &Path, variable: Option<&str>) -> Result<Box<dyn VolumeFile>, 
     }
     let grid = grid(path, &doc, cells, &mut notes)?;
     let layout = layout(path, &doc, array, grid.dims, file_len)?;
-    let header = Header { grid, scalar: layout.kind, steps: 1, physical: Physical::default(), notes };
+    let header = VolumeHeader { grid, scalar: layout.kind, steps: 1, physical: PhysicalMetadata::default(), notes };
     let variable = array.name.clone();
-    let of = |a: &Array| Variable { name: a.name.clone(), components: a.components };
+    let of = |a: &Array| VolumeVariable { name: a.name.clone(), components: a.components };
     let variables = doc.point.arrays.iter().chain(&doc.cell.arrays).map(of).collect();
     Ok(Box::new(Vti { path: path.to_owned(), header, layout, variable, variables }))
 }
@@ -52,7 +52,9 @@ pub fn open(path: &Path, variable: Option<&str>) -> Result<Box<dyn VolumeFile>, 
 /// Appended values are not.
 fn check_inline(path: &Path, file_len: u64) -> Result<(), VolumeError> {
     const MARKUP: u64 = 1 << 20;
-    let Err(error) = Budget::now().check("text between its tags", u128::from(file_len) * 3) else { return Ok(()) };
+    let Err(error) = MemoryBudget::now().check("text between its tags", u128::from(file_len) * 3) else {
+        return Ok(());
+    };
     let mut start = Vec::new();
     let (file, _) = common::open_file(path)?;
     file.take(MARKUP).read_to_end(&mut start).map_err(|e| read_error(path, "markup", e))?;
@@ -66,14 +68,14 @@ fn check_inline(path: &Path, file_len: u64) -> Result<(), VolumeError> {
 #[derive(Debug)]
 struct Vti {
     path: PathBuf,
-    header: Header,
-    layout: Layout,
+    header: VolumeHeader,
+    layout: ArrayLayout,
     variable: String,
-    variables: Vec<Variable>,
+    variables: Vec<VolumeVariable>,
 }
 
 impl VolumeFile for Vti {
-    fn header(&self) -> &Header {
+    fn header(&self) -> &VolumeHeader {
         &self.header
     }
 
@@ -81,7 +83,7 @@ impl VolumeFile for Vti {
         Some(&self.variable)
     }
 
-    fn variables(&self) -> &[Variable] {
+    fn variables(&self) -> &[VolumeVariable] {
         &self.variables
     }
 
@@ -102,8 +104,8 @@ fn field_name(variable: &str) -> String {
 }
 
 /// The array of this name, that on points before that on cells, and whether its values are on cells.
-fn named<'a>(path: &Path, doc: &'a Document, name: &str) -> Result<(&'a Array, bool), VolumeError> {
-    let find = |section: &'a Section| section.arrays.iter().find(|a| a.name == name);
+fn named<'a>(path: &Path, doc: &'a VtiDocument, name: &str) -> Result<(&'a Array, bool), VolumeError> {
+    let find = |section: &'a ArraySection| section.arrays.iter().find(|a| a.name == name);
     let Some((array, cells)) = find(&doc.point).map(|a| (a, false)).or_else(|| find(&doc.cell).map(|a| (a, true)))
     else {
         let problem = format!("there is no array {name:?} among {}", listed(doc));
@@ -119,7 +121,7 @@ fn named<'a>(path: &Path, doc: &'a Document, name: &str) -> Result<(&'a Array, b
 }
 
 /// All arrays, for messages.
-fn listed(doc: &Document) -> String {
+fn listed(doc: &VtiDocument) -> String {
     let all = doc.point.arrays.iter().chain(&doc.cell.arrays);
     let words = |a: &Array| match a.components {
         1 => a.name.clone(),
@@ -129,7 +131,7 @@ fn listed(doc: &Document) -> String {
 }
 
 /// The array to read, and whether its values are on cells.
-fn choose<'a>(path: &Path, doc: &'a Document, notes: &mut Vec<String>) -> Result<(&'a Array, bool), VolumeError> {
+fn choose<'a>(path: &Path, doc: &'a VtiDocument, notes: &mut Vec<String>) -> Result<(&'a Array, bool), VolumeError> {
     if let Some(array) = choose_in(&doc.point, "PointData", notes) {
         return Ok((array, false));
     }
@@ -144,7 +146,7 @@ fn choose<'a>(path: &Path, doc: &'a Document, notes: &mut Vec<String>) -> Result
 }
 
 /// The active one-component array of a section, else the first one, with notes on what was skipped.
-fn choose_in<'a>(section: &'a Section, place: &str, notes: &mut Vec<String>) -> Option<&'a Array> {
+fn choose_in<'a>(section: &'a ArraySection, place: &str, notes: &mut Vec<String>) -> Option<&'a Array> {
     // ghost flags mark voxels owned by another piece; they are never the field itself
     let scalars: Vec<_> = section.arrays.iter().filter(|a| a.components == 1 && a.name != "vtkGhostType").collect();
     if let Some(active) = &section.active {
@@ -169,7 +171,7 @@ fn choose_in<'a>(section: &'a Section, place: &str, notes: &mut Vec<String>) -> 
     Some(first)
 }
 
-fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Result<Grid, VolumeError> {
+fn grid(path: &Path, doc: &VtiDocument, cells: bool, notes: &mut Vec<String>) -> Result<Grid, VolumeError> {
     let Image { extent: whole_extent, spacing: spacings, origin, direction: d } = doc.image;
     let extent = doc.piece_extent;
     if extent != whole_extent {
@@ -206,7 +208,13 @@ fn grid(path: &Path, doc: &Document, cells: bool, notes: &mut Vec<String>) -> Re
 }
 
 /// The location of the values, once the claimed size is known to fit the file.
-fn layout(path: &Path, doc: &Document, array: &Array, dims: [usize; 3], file_len: u64) -> Result<Layout, VolumeError> {
+fn layout(
+    path: &Path,
+    doc: &VtiDocument,
+    array: &Array,
+    dims: [usize; 3],
+    file_len: u64,
+) -> Result<ArrayLayout, VolumeError> {
     let field = field_name(&array.name);
     let bad = |problem: String, hint: &str| VolumeError::invalid(path, field.clone(), problem, hint);
     let kind = xml::kind(&array.kind)
@@ -216,7 +224,7 @@ fn layout(path: &Path, doc: &Document, array: &Array, dims: [usize; 3], file_len
             let Some((start, len)) = array.text else {
                 return Err(bad("holds no values".to_owned(), "write the file again"));
             };
-            (if array.format == "ascii" { Encoding::Ascii } else { Encoding::Base64 }, start, len)
+            (if array.format == "ascii" { VtiEncoding::Ascii } else { VtiEncoding::Base64 }, start, len)
         }
         "appended" => {
             let Some((origin, raw)) = doc.appended else {
@@ -226,12 +234,12 @@ fn layout(path: &Path, doc: &Document, array: &Array, dims: [usize; 3], file_len
             let start = origin.checked_add(array.offset).filter(|s| *s < file_len).ok_or_else(|| {
                 bad(format!("offset {} is past the end of the file", array.offset), "copy or write the file again")
             })?;
-            (if raw { Encoding::Raw } else { Encoding::Base64 }, start, file_len - start)
+            (if raw { VtiEncoding::Raw } else { VtiEncoding::Base64 }, start, file_len - start)
         }
         other => return Err(bad(format!("unknown format \"{other}\""), "use ascii, binary or appended")),
     };
     let packing = match doc.compressor.as_str() {
-        _ if encoding == Encoding::Ascii => Packing::Plain,
+        _ if encoding == VtiEncoding::Ascii => Packing::Plain,
         "" => Packing::Plain,
         "vtkZLibDataCompressor" => Packing::Zlib,
         "vtkLZ4DataCompressor" => Packing::Lz4,
@@ -242,8 +250,8 @@ fn layout(path: &Path, doc: &Document, array: &Array, dims: [usize; 3], file_len
     };
     // the most bytes that the available data can hold: zlib expands at most 1032:1, lz4 255:1
     let held = match (encoding, packing) {
-        (Encoding::Ascii, _) => len.div_ceil(2) * kind.bytes() as u64,
-        (Encoding::Base64, Packing::Plain) => len / 4 * 3,
+        (VtiEncoding::Ascii, _) => len.div_ceil(2) * kind.bytes() as u64,
+        (VtiEncoding::Base64, Packing::Plain) => len / 4 * 3,
         (_, Packing::Plain) => len,
         (_, Packing::Zlib) => len.saturating_mul(1032),
         (_, Packing::Lz4) => len.saturating_mul(255),
@@ -254,5 +262,5 @@ fn layout(path: &Path, doc: &Document, array: &Array, dims: [usize; 3], file_len
         let problem = format!("the extent claims {dims:?} values of {} bytes, more than the file holds", kind.bytes());
         return Err(bad(problem, "the file is truncated or its extent wrong: copy or write it again"));
     };
-    Ok(Layout { start, len, encoding, packing, wide: doc.wide, endian: doc.endian, kind, count })
+    Ok(ArrayLayout { start, len, encoding, packing, wide: doc.wide, endian: doc.endian, kind, count })
 }

@@ -1,7 +1,7 @@
 //! The volume of a ray caster on a coarser grid: the segment and the opacity of every cell of its box.
 
 use super::RayCaster;
-use crate::volume::placement::Placement;
+use crate::volume::placement::VoxelPlacement;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -12,7 +12,7 @@ const ROUNDING: f64 = 1e-6;
 
 /// The box of the scene that encloses a volume, cut into cells of (nearly) equal sides along the axes of the scene.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Cells {
+pub struct SceneCells {
     /// Number of cells along x, y, z.
     pub dims: [usize; 3],
     /// Size of a cell along x, y, z, scene units.
@@ -27,7 +27,7 @@ pub struct Cells {
 }
 
 /// Voxels along the axes of the scene per scene unit.
-fn voxels_per_unit(placement: &Placement) -> DVec3 {
+fn voxels_per_unit(placement: &VoxelPlacement) -> DVec3 {
     placement.turn().map_or(placement.voxels_per_unit, |turn| {
         let along = |row: DVec3| (row * placement.voxels_per_unit).length();
         DVec3::new(along(turn.row(0)), along(turn.row(1)), along(turn.row(2)))
@@ -36,7 +36,7 @@ fn voxels_per_unit(placement: &Placement) -> DVec3 {
 
 /// The cells of a box: number, size and centre of the first along each axis. Together they fill the box exactly; the
 /// longest side has as many as there would be voxels of the finest spacing along it, at most `longest`.
-fn layout(placement: &Placement, longest: usize) -> ([usize; 3], [f64; 3], [f64; 3]) {
+fn layout(placement: &VoxelPlacement, longest: usize) -> ([usize; 3], [f64; 3], [f64; 3]) {
     let size = placement.bounds().size().to_array();
     let longest_side = size.into_iter().fold(0.0, f64::max);
     // not the voxels along that side: few thick slices would make cells that hide what the slices show
@@ -54,7 +54,7 @@ impl RayCaster {
     /// Each cell is divided into 2 to 4 parts per axis, no longer than a voxel unless the cell is longer than 4; in
     /// each part the values run from one corner to the opposite one, as along a ray, and the extinction is their mean
     /// under the transfer function. Parts outside of the volume are empty. Bit-identical for any number of threads.
-    pub fn cells(&self, longest: usize) -> Cells {
+    pub fn cells(&self, longest: usize) -> SceneCells {
         let (dims, spacing, origin) = layout(&self.placement, longest);
         let per_unit = voxels_per_unit(&self.placement);
         let voxels: [f64; 3] = std::array::from_fn(|a| spacing[a] * per_unit[a]);
@@ -78,7 +78,7 @@ impl RayCaster {
                 *opacity = -(-extinction * length).exp_m1() as f32;
             }
         });
-        Cells { dims, spacing, origin, ids, opacity }
+        SceneCells { dims, spacing, origin, ids, opacity }
     }
 
     /// Whether voxel coordinates are in the volume's box, but for rounding.
@@ -128,7 +128,7 @@ impl RayCaster {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::volume::grid::{Grid, Labels, Volume};
+    use crate::volume::grid::{Grid, Volume, VolumeLabels};
     use crate::volume::transfer::TransferFunction;
     use proptest::prelude::*;
 
@@ -143,8 +143,15 @@ mod tests {
         let mut transfer = TransferFunction::load("ramp").unwrap();
         transfer.opacity = opacity.to_vec();
         transfer.unit_length = 0.01;
-        let placement = Placement::new(&grid, 2.0);
-        RayCaster::new(&Volume { grid, values }, Some(Labels { grid, ids }), &transfer, [0.0, 1.0], placement, 0.5)
+        let placement = VoxelPlacement::new(&grid, 2.0);
+        RayCaster::new(
+            &Volume { grid, values },
+            Some(VolumeLabels { grid, ids }),
+            &transfer,
+            [0.0, 1.0],
+            placement,
+            0.5,
+        )
     }
 
     #[test]
@@ -166,7 +173,7 @@ mod tests {
     fn thick_slices_have_cells_of_the_finest_spacing() {
         let counts = |dims: [usize; 3], spacing: [f64; 3]| {
             let grid = Grid::aligned(dims, spacing, [0.0; 3]);
-            layout(&Placement::new(&grid, 2.0), 96).0
+            layout(&VoxelPlacement::new(&grid, 2.0), 96).0
         };
         assert_eq!(counts([64, 64, 8], [1.0, 1.0, 12.0]), [64, 64, 85]);
         assert_eq!(counts([8, 64, 64], [12.0, 1.0, 1.0]), [85, 64, 64]);

@@ -10,14 +10,14 @@ const PADDING: usize = 3;
 
 /// A padded scalar field.
 #[derive(Debug)]
-pub(super) struct Field {
+pub(super) struct PaddedField {
     pub dims: [usize; 3],
     row: usize,
     slice: usize,
     values: Vec<f32>,
 }
 
-impl Field {
+impl PaddedField {
     pub fn new(volume: &Volume) -> Self {
         let dims = volume.grid.dims;
         let [nx, ny, nz] = dims;

@@ -16,19 +16,19 @@ mod table;
 #[cfg(test)]
 mod tests;
 
-pub use cells::Cells;
-pub use picture::{Picture, Shares};
+pub use cells::SceneCells;
+pub use picture::{RaycastPicture, SegmentShares};
 
 use crate::data::Camera;
-use crate::volume::grid::{Labels, Volume};
-use crate::volume::placement::Placement;
+use crate::volume::grid::{Volume, VolumeLabels};
+use crate::volume::placement::VoxelPlacement;
 use crate::volume::transfer::{Shading, TransferFunction};
-use field::Field;
+use field::PaddedField;
 use glam::{DMat3, DVec3};
-use occupancy::{BRICK, Occupancy};
+use occupancy::{BRICK, BrickDistances};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
-use table::Table;
+use table::TransferTable;
 
 /// Side of a tile in pixels; a tile is one task.
 const TILE: usize = 16;
@@ -51,14 +51,14 @@ pub const LONGEST_STEP: f64 = 16.0;
 /// A volume ready to be rendered.
 #[derive(Debug)]
 pub struct RayCaster {
-    field: Field,
-    labels: Option<Labels>,
-    table: Table,
+    field: PaddedField,
+    labels: Option<VolumeLabels>,
+    table: TransferTable,
     shading: Shading,
     /// `specular * cos^power` by cosine.
     shine: Vec<f32>,
-    placement: Placement,
-    occupancy: Occupancy,
+    placement: VoxelPlacement,
+    occupancy: BrickDistances,
     flat: f32,
     /// A power of two that brings gradients near 1, so that their squares neither overflow nor vanish in single precision
     /// whatever the unit of the data.
@@ -68,9 +68,9 @@ pub struct RayCaster {
 
 /// One segment to show alone.
 #[derive(Debug)]
-pub struct Isolated {
+pub struct IsolatedSegment {
     segment: u16,
-    occupancy: Occupancy,
+    occupancy: BrickDistances,
 }
 
 impl RayCaster {
@@ -81,17 +81,17 @@ impl RayCaster {
     /// between samples in units of the smallest voxel spacing. Each axis needs at least two voxels.
     pub fn new(
         volume: &Volume,
-        labels: Option<Labels>,
+        labels: Option<VolumeLabels>,
         transfer: &TransferFunction,
         span: [f64; 2],
-        placement: Placement,
+        placement: VoxelPlacement,
         step: f64,
     ) -> Self {
         debug_assert!(volume.grid.dims.iter().all(|n| *n > 1));
-        let field = Field::new(volume);
+        let field = PaddedField::new(volume);
         let step = step * placement.spacing().min_element();
-        let table = Table::new(transfer, span, step / (transfer.unit_length * placement.side()));
-        let occupancy = Occupancy::new(field.dims, |from| {
+        let table = TransferTable::new(transfer, span, step / (transfer.unit_length * placement.side()));
+        let occupancy = BrickDistances::new(field.dims, |from| {
             let (low, high) = field.extremes(from, BRICK);
             table.any_opaque(0, low, high)
         });
@@ -105,9 +105,9 @@ impl RayCaster {
     }
 
     /// Prepares to show `segment` (an id, from 1) alone.
-    pub fn isolate(&self, segment: u16) -> Isolated {
+    pub fn isolate(&self, segment: u16) -> IsolatedSegment {
         let [nx, ny, _] = self.field.dims;
-        let occupancy = Occupancy::new(self.field.dims, |from| {
+        let occupancy = BrickDistances::new(self.field.dims, |from| {
             let (low, high) = self.field.extremes(from, BRICK);
             let Some(labels) = &self.labels else { return self.table.any_opaque(segment, low, high) };
             let end = |a: usize| (from[a] + BRICK).min(self.field.dims[a] - 1);
@@ -119,23 +119,33 @@ impl RayCaster {
                     })
                 })
         });
-        Isolated { segment, occupancy }
+        IsolatedSegment { segment, occupancy }
     }
 
     /// Renders the volume, or one segment of it alone.
-    pub fn render(&self, camera: &Camera, only: Option<&Isolated>) -> Picture {
+    pub fn render(&self, camera: &Camera, only: Option<&IsolatedSegment>) -> RaycastPicture {
         self.paint(camera, only, None).0
     }
 
     /// Like [`RayCaster::render`], but returns `None` early once `stop` is set.
-    pub fn render_until(&self, camera: &Camera, only: Option<&Isolated>, stop: &AtomicBool) -> Option<Picture> {
+    pub fn render_until(
+        &self,
+        camera: &Camera,
+        only: Option<&IsolatedSegment>,
+        stop: &AtomicBool,
+    ) -> Option<RaycastPicture> {
         let (picture, whole) = self.paint(camera, only, Some(stop));
         whole.then_some(picture)
     }
 
     /// The picture, and whether it is complete.
-    fn paint(&self, camera: &Camera, only: Option<&Isolated>, stop: Option<&AtomicBool>) -> (Picture, bool) {
-        let mut picture = Picture::new(camera.width as usize, camera.height as usize);
+    fn paint(
+        &self,
+        camera: &Camera,
+        only: Option<&IsolatedSegment>,
+        stop: Option<&AtomicBool>,
+    ) -> (RaycastPicture, bool) {
+        let mut picture = RaycastPicture::new(camera.width as usize, camera.height as usize);
         let whole = self.tiles(camera, only, false, stop, |x, y, ray| picture.set(x, y, ray.color));
         (picture, whole)
     }
@@ -147,9 +157,9 @@ impl RayCaster {
         camera: &Camera,
         min_alpha: f32,
         stop: &AtomicBool,
-    ) -> Option<(Picture, Vec<u16>)> {
+    ) -> Option<(RaycastPicture, Vec<u16>)> {
         let (width, height) = (camera.width as usize, camera.height as usize);
-        let mut picture = Picture::new(width, height);
+        let mut picture = RaycastPicture::new(width, height);
         let mut labels = vec![0; width * height];
         let whole = self.tiles(camera, None, true, Some(stop), |x, y, ray| {
             picture.set(x, y, ray.color);
@@ -165,17 +175,17 @@ impl RayCaster {
     fn tiles(
         &self,
         camera: &Camera,
-        only: Option<&Isolated>,
+        only: Option<&IsolatedSegment>,
         shares: bool,
         stop: Option<&AtomicBool>,
-        mut put: impl FnMut(usize, usize, Ray),
+        mut put: impl FnMut(usize, usize, RayResult),
     ) -> bool {
         let (width, height) = (camera.width as usize, camera.height as usize);
         let rays = Rays::new(camera, &self.placement);
         let columns = width.div_ceil(TILE);
         let count = columns * height.div_ceil(TILE);
         let block = columns * MIN_TILES.div_ceil(columns.max(1));
-        let cast = |tile: usize| -> Option<Vec<Ray>> {
+        let cast = |tile: usize| -> Option<Vec<RayResult>> {
             if stop.is_some_and(|s| s.load(Ordering::Relaxed)) {
                 return None;
             }
@@ -189,7 +199,8 @@ impl RayCaster {
             Some(out)
         };
         for first in (0..count).step_by(block.max(1)) {
-            let tiles: Option<Vec<Vec<Ray>>> = (first..(first + block).min(count)).into_par_iter().map(cast).collect();
+            let tiles: Option<Vec<Vec<RayResult>>> =
+                (first..(first + block).min(count)).into_par_iter().map(cast).collect();
             let Some(tiles) = tiles else { return false };
             for (tile, rays) in (first..).zip(tiles) {
                 let (x0, y0) = (tile % columns * TILE, tile / columns * TILE);
@@ -202,8 +213,8 @@ impl RayCaster {
         true
     }
 
-    fn cast(&self, rays: &Rays, x: usize, y: usize, only: Option<&Isolated>, shares: bool) -> Ray {
-        let mut ray = Ray::default();
+    fn cast(&self, rays: &Rays, x: usize, y: usize, only: Option<&IsolatedSegment>, shares: bool) -> RayResult {
+        let mut ray = RayResult::default();
         let direction = rays.direction(x, y);
         let Some((near, far)) = self.placement.clip(rays.eye, direction) else { return ray };
         let length = (far - near) / self.step;
@@ -302,10 +313,10 @@ impl RayCaster {
 
 /// The result of a ray.
 #[derive(Clone, Copy, Default)]
-struct Ray {
+struct RayResult {
     /// Colour times alpha, alpha.
     color: [f32; 4],
-    shares: Shares,
+    shares: SegmentShares,
     segment: u16,
 }
 
@@ -318,7 +329,7 @@ struct Rays {
 }
 
 impl Rays {
-    fn new(camera: &Camera, placement: &Placement) -> Self {
+    fn new(camera: &Camera, placement: &VoxelPlacement) -> Self {
         let (rotation, _) = camera.world_to_camera_opencv();
         let to_scene = rotation.transpose();
         Self {

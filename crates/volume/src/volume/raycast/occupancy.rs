@@ -7,12 +7,12 @@ pub(super) const BRICK: usize = 4;
 
 /// For each brick, the Chebyshev distance to the nearest occupied one, in bricks (0 is occupied).
 #[derive(Debug)]
-pub(super) struct Occupancy {
+pub(super) struct BrickDistances {
     dims: [usize; 3],
     distance: Vec<u8>,
 }
 
-impl Occupancy {
+impl BrickDistances {
     /// `occupied` returns whether the brick that starts at a cell has something to show.
     pub fn new(voxels: [usize; 3], occupied: impl Fn([usize; 3]) -> bool + Sync) -> Self {
         let dims = voxels.map(|n| (n - 1).div_ceil(BRICK).max(1) + 1);

@@ -4,7 +4,7 @@ use image::RgbaImage;
 
 /// An image `[H, W, 4]`: colour times alpha, and alpha, each in [0, 1].
 #[derive(Clone, Debug, PartialEq)]
-pub struct Picture {
+pub struct RaycastPicture {
     /// Width in pixels.
     pub width: usize,
     /// Height in pixels.
@@ -13,7 +13,7 @@ pub struct Picture {
     pub pixels: Vec<f32>,
 }
 
-impl Picture {
+impl RaycastPicture {
     /// An empty picture.
     pub fn new(width: usize, height: usize) -> Self {
         Self { width, height, pixels: vec![0.0; 4 * width * height] }
@@ -61,7 +61,7 @@ const KEPT: usize = 6;
 
 /// The share of each segment in the colour of one pixel.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Shares {
+pub struct SegmentShares {
     ids: [u16; KEPT],
     weights: [f32; KEPT],
     /// The segment that the ray is in, and the weight accumulated there: a faint one is compared with the others as a
@@ -69,7 +69,7 @@ pub struct Shares {
     now: (u16, f32),
 }
 
-impl Shares {
+impl SegmentShares {
     /// Adds to a segment's share; 0 (no segment) counts as a segment.
     #[inline]
     pub fn add(&mut self, segment: u16, weight: f32) {
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn straight_alpha_composites_back() {
-        let mut picture = Picture::new(2, 1);
+        let mut picture = RaycastPicture::new(2, 1);
         picture.set(0, 0, [0.2, 0.1, 0.3, 0.4]);
         let rgba = picture.to_rgba8();
         assert_eq!(rgba.get_pixel(1, 0).0, [0; 4]);
@@ -127,14 +127,14 @@ mod tests {
         }
         assert_eq!(picture.mask(0.4), [255, 0]);
         assert!((picture.coverage() - 0.5).abs() < 1e-12);
-        assert!(picture.shows() && !Picture::new(3, 2).shows());
+        assert!(picture.shows() && !RaycastPicture::new(3, 2).shows());
         picture.set(0, 0, [0.0, 0.0, 0.0, 0.001]);
         assert!(!picture.shows(), "less than half a level of 8 bits");
     }
 
     #[test]
     fn the_largest_share_wins() {
-        let mut shares = Shares::default();
+        let mut shares = SegmentShares::default();
         assert_eq!(shares.largest(), 0);
         for id in 0..40u16 {
             shares.add(id, 0.01);
@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn a_faint_segment_counts_by_all_of_its_steps_however_many_came_before() {
-        let mut shares = Shares::default();
+        let mut shares = SegmentShares::default();
         for id in 1..=KEPT as u16 {
             shares.add(id, 0.05);
         }

@@ -2,7 +2,7 @@
 
 use crate::data::Camera;
 use crate::volume::grid::Volume;
-use crate::volume::placement::Placement;
+use crate::volume::placement::VoxelPlacement;
 use crate::volume::transfer::TransferFunction;
 use glam::DVec3;
 
@@ -33,7 +33,7 @@ pub fn trace(
     volume: &Volume,
     transfer: &TransferFunction,
     span: [f64; 2],
-    placement: &Placement,
+    placement: &VoxelPlacement,
     step: f64,
     camera: &Camera,
     pixel: [usize; 2],

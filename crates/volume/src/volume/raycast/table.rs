@@ -18,7 +18,7 @@ const MAX_OPACITY: f64 = 0.999_999;
 
 /// Colour and extinction by data value.
 #[derive(Debug)]
-pub(super) struct Table {
+pub(super) struct TransferTable {
     low: f32,
     scale: f32,
     last: usize,
@@ -44,7 +44,7 @@ fn entries(transfer: &TransferFunction) -> usize {
     ((PER_BAND / narrowest).ceil() as usize + 1).clamp(MIN_ENTRIES, MAX_ENTRIES)
 }
 
-impl Table {
+impl TransferTable {
     /// `steps` is the length of a step in units of the length over which opacity accrues.
     pub fn new(transfer: &TransferFunction, span: [f64; 2], steps: f64) -> Self {
         let count = entries(transfer);
@@ -175,7 +175,7 @@ mod tests {
     fn ordinary_functions_have_the_table_they_always_had() {
         for name in TransferFunction::presets() {
             let transfer = TransferFunction::load(name).unwrap();
-            assert_eq!(Table::new(&transfer, [0.0, 1.0], 1.0).sums.len(), 4097, "{name}");
+            assert_eq!(TransferTable::new(&transfer, [0.0, 1.0], 1.0).sums.len(), 4097, "{name}");
         }
         // a step, written as one and as a slope
         for edge in [0.5, 0.500_001] {
@@ -189,7 +189,7 @@ mod tests {
         // between two entries of the usual table
         let (low, high) = (0.500_03, 0.500_08);
         let band = function(&[(0.0, 0.0), (low, 0.0), (low, 0.5), (high, 0.5), (high, 0.0), (1.0, 0.0)], &[]);
-        let table = Table::new(&band, [0.0, 1.0], 1.0);
+        let table = TransferTable::new(&band, [0.0, 1.0], 1.0);
         let found = f64::from(table.step(0.4, 0.6, 0)[3]);
         let expected = std::f64::consts::LN_2 * (high - low) / 0.2;
         assert!((found / expected - 1.0).abs() < 0.3, "{found} {expected}");
@@ -211,7 +211,7 @@ mod tests {
             let count = (high - low) as u16;
             let bound = |i: u16| (low + f64::from(i) - low) / (high - low);
             let ranges: Vec<[f64; 2]> = (0..count).map(|i| [bound(i), bound(i + 1)]).collect();
-            let table = Table::new(&function(&[(0.0, 0.2)], &ranges), [low, high], 1.0);
+            let table = TransferTable::new(&function(&[(0.0, 0.2)], &ranges), [low, high], 1.0);
             for i in 0..=count {
                 let (value, id) = (low as f32 + f32::from(i), (i + 1).min(count));
                 assert_eq!(table.segment(value), id, "{value}");
@@ -222,7 +222,7 @@ mod tests {
             }
             assert_eq!((table.segment(low as f32 - 9.0), table.segment(high as f32 + 9.0)), (1, count));
         }
-        let gaps = Table::new(&function(&[(0.0, 0.2)], &[[0.6, 0.8], [0.2, 0.4]]), [0.0, 10.0], 1.0);
+        let gaps = TransferTable::new(&function(&[(0.0, 0.2)], &[[0.6, 0.8], [0.2, 0.4]]), [0.0, 10.0], 1.0);
         assert_eq!([1.0, 2.0, 3.9, 4.0, 6.0, 8.0, 10.0].map(|v| gaps.segment(v)), [0, 2, 2, 0, 1, 0, 0]);
     }
 }

@@ -41,7 +41,7 @@ fn plain(opacity: &[(f64, f32)]) -> TransferFunction {
 }
 
 fn caster(volume: &Volume, transfer: &TransferFunction, step: f64) -> RayCaster {
-    RayCaster::new(volume, None, transfer, SPAN, Placement::new(&volume.grid, published_side()), step)
+    RayCaster::new(volume, None, transfer, SPAN, VoxelPlacement::new(&volume.grid, published_side()), step)
 }
 
 /// A few balls and a slope: values in [0, 1], flat in places.
@@ -58,11 +58,11 @@ fn a_homogeneous_box_follows_beer_lambert() {
     // opacity 0.3 in a tenth of the side: alpha = 1 - 0.7^(way / (0.1 side)), whatever the step
     let v = volume([9, 17, 5], |_| 0.5);
     let tf = plain(&[(0.0, 0.3)]);
-    let placement = Placement::new(&v.grid, published_side());
+    let placement = VoxelPlacement::new(&v.grid, published_side());
     for camera in training_cameras(5, RADIUS, lens(24)) {
         for step in [0.37, 1.0, 3.0] {
             let picture = caster(&v, &tf, step).render(&camera, None);
-            let rays = Rays::new(&camera, &Placement::new(&v.grid, published_side()));
+            let rays = Rays::new(&camera, &VoxelPlacement::new(&v.grid, published_side()));
             let mut hit = 0;
             for y in 0..24 {
                 for x in 0..24 {
@@ -90,7 +90,7 @@ fn a_homogeneous_ball_has_the_length_of_its_chords() {
     let side = published_side();
     let camera = &training_cameras(3, RADIUS, lens(64))[1];
     let picture = caster(&v, &tf, 0.25).render(camera, None);
-    let rays = Rays::new(camera, &Placement::new(&v.grid, published_side()));
+    let rays = Rays::new(camera, &VoxelPlacement::new(&v.grid, published_side()));
     let (mut worst, mut sum) = (0.0f64, 0.0);
     for y in 0..64 {
         for x in 0..64 {
@@ -114,7 +114,7 @@ fn agrees_with_the_reference() {
         let mut tf = plain(&[(0.05, 0.0), (0.3, 0.05), (0.5, 0.0), (0.55, 0.9)]);
         tf.shading = Shading { enabled: shaded, ..Shading::default() };
         let fast = caster(&v, &tf, 0.5);
-        let placement = Placement::new(&v.grid, published_side());
+        let placement = VoxelPlacement::new(&v.grid, published_side());
         let (mut square, mut n, mut covered) = (0.0, 0, 0);
         for camera in training_cameras(7, RADIUS, lens(20)) {
             let picture = fast.render(&camera, None);
@@ -136,7 +136,7 @@ fn skipping_and_threads_change_no_bit() {
     let tf = plain(&[(0.2, 0.0), (0.3, 0.4), (0.4, 0.0), (0.8, 0.0), (0.9, 0.9)]);
     let skipping = caster(&v, &tf, 0.5);
     let mut all = caster(&v, &tf, 0.5);
-    all.occupancy = Occupancy::new(v.grid.dims, |_| true);
+    all.occupancy = BrickDistances::new(v.grid.dims, |_| true);
     for camera in training_cameras(5, RADIUS, lens(50)) {
         let picture = all.render(&camera, None);
         for threads in [1, 2, 3] {
@@ -154,7 +154,8 @@ fn large_images_are_complete_and_can_be_interrupted() {
     let tf = plain(&[(0.2, 0.0), (0.3, 0.4)]);
     let camera = Camera::look_at(-DVec3::Y * RADIUS, DVec3::ZERO, DVec3::Z, FOV_X, 700, 530);
     let quick = caster(&v, &tf, 2.0);
-    let (picture, rays) = (quick.render(&camera, None), Rays::new(&camera, &Placement::new(&v.grid, published_side())));
+    let (picture, rays) =
+        (quick.render(&camera, None), Rays::new(&camera, &VoxelPlacement::new(&v.grid, published_side())));
     for (x, y) in (0..700).step_by(37).flat_map(|x| (0..530).step_by(31).map(move |y| (x, y))).chain([(699, 529)]) {
         let want = quick.cast(&rays, x, y, None, false).color;
         assert_eq!(picture.pixels[4 * (y * 700 + x)..][..4], want, "{x}, {y}");
@@ -180,14 +181,14 @@ fn segments_alone_make_up_the_whole() {
     let v = volume([32; 3], bumpy);
     let [left, right] = [1, 2];
     let ids = (0..32usize.pow(3)).map(|i| if i % 32 < 14 { left } else { right }).collect();
-    let labels = Labels { grid: v.grid, ids };
+    let labels = VolumeLabels { grid: v.grid, ids };
     let tf = plain(&[(0.1, 0.0), (0.4, 0.9)]);
-    let placement = Placement::new(&v.grid, published_side());
+    let placement = VoxelPlacement::new(&v.grid, published_side());
     let caster = RayCaster::new(&v, Some(labels), &tf, SPAN, placement, 0.5);
     let camera = Camera::look_at(-DVec3::Y * RADIUS, DVec3::ZERO, DVec3::Z, FOV_X, 40, 40);
     let (whole, image) = caster.render_with_labels(&camera, 0.05, &AtomicBool::new(false)).unwrap();
     assert_eq!(whole, caster.render(&camera, None));
-    let alone: Vec<Picture> = [left, right].map(|id| caster.render(&camera, Some(&caster.isolate(id)))).into();
+    let alone: Vec<RaycastPicture> = [left, right].map(|id| caster.render(&camera, Some(&caster.isolate(id)))).into();
     for (i, id) in image.iter().enumerate() {
         let [a, b] = [&alone[0], &alone[1]].map(|p| p.pixels[4 * i + 3]);
         // light passes through both, one after the other
@@ -228,7 +229,7 @@ fn a_plateau_of_whole_numbers_is_its_own_segment() {
         SegmentRange { name: name.into(), range, color: None }
     };
     tf.segments = vec![range("below", 102.0), range("this", 103.0)];
-    let placement = Placement::new(&v.grid, published_side());
+    let placement = VoxelPlacement::new(&v.grid, published_side());
     let caster = RayCaster::new(&v, None, &tf, [0.0, 255.0], placement, 0.5);
     let camera = Camera::look_at(-DVec3::Y * RADIUS, DVec3::ZERO, DVec3::Z, FOV_X, 24, 24);
     let (whole, ids) = caster.render_with_labels(&camera, 0.05, &AtomicBool::new(false)).unwrap();
@@ -264,7 +265,7 @@ fn shading_follows_the_headlight() {
 fn odd_input_gives_a_picture() {
     let v = volume([2, 2, 2], |_| 7.0);
     let tf = plain(&[(0.0, 1.0)]);
-    let placement = Placement::new(&v.grid, 1.0);
+    let placement = VoxelPlacement::new(&v.grid, 1.0);
     // a span of no width, an opacity of one, a camera inside, and one looking away
     let caster = RayCaster::new(&v, None, &tf, [7.0, 7.0], placement, 0.5);
     let inside = Camera::look_at(DVec3::splat(0.1), DVec3::X, DVec3::Z, 1.0, 8, 8);
@@ -281,7 +282,7 @@ fn odd_input_gives_a_picture() {
 fn pictures_do_not_depend_on_the_unit_of_the_data() {
     let transfer = TransferFunction { shading: Shading::default(), ..plain(&[(0.0, 0.0), (0.3, 0.6), (1.0, 0.9)]) };
     let v = volume([17, 13, 9], bumpy);
-    let placement = Placement::new(&v.grid, published_side());
+    let placement = VoxelPlacement::new(&v.grid, published_side());
     let camera = &training_cameras(5, RADIUS, lens(24))[2];
     let of = |unit: f64| {
         let values = v.values.iter().map(|x| x * unit as f32).collect();
@@ -316,7 +317,7 @@ fn turned(v: &Volume, axes: [usize; 3], flips: [bool; 3]) -> Volume {
     Volume { values: values.collect(), grid }
 }
 
-fn difference(a: &Picture, b: &Picture) -> f32 {
+fn difference(a: &RaycastPicture, b: &RaycastPicture) -> f32 {
     a.pixels.iter().zip(&b.pixels).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
 
@@ -329,7 +330,7 @@ fn a_volume_stored_in_any_orientation_gives_the_same_pictures_and_cells() {
     let mut tf = plain(&[(0.1, 0.0), (0.3, 0.4), (0.8, 0.9)]);
     tf.shading = Shading::default();
     tf.segments = vec![SegmentRange { name: "core".into(), range: [0.4, 1.0], color: None }];
-    let place = |v: &Volume| RayCaster::new(v, None, &tf, SPAN, Placement::new(&v.grid, published_side()), 0.5);
+    let place = |v: &Volume| RayCaster::new(v, None, &tf, SPAN, VoxelPlacement::new(&v.grid, published_side()), 0.5);
     let cameras = training_cameras(3, RADIUS, lens(24));
     let draw = |caster: &RayCaster| cameras.iter().map(|c| caster.render(c, None)).collect::<Vec<_>>();
     let (pictures, cells) = (draw(&place(&v)), place(&v).cells(16));
@@ -354,7 +355,7 @@ fn a_volume_stored_in_any_orientation_gives_the_same_pictures_and_cells() {
             // where a cell's centre is between two voxels, either is the nearest
             let other = found.ids.iter().zip(&cells.ids).filter(|(a, b)| a != b).count();
             assert!(other * 25 <= cells.ids.len(), "{other} of {} ids", cells.ids.len());
-            let sum = |c: &Cells| c.opacity.iter().map(|o| f64::from(*o)).sum::<f64>();
+            let sum = |c: &SceneCells| c.opacity.iter().map(|o| f64::from(*o)).sum::<f64>();
             assert!((sum(&found) / sum(&cells) - 1.0).abs() < 0.02, "{} {}", sum(&found), sum(&cells));
         }
     }
@@ -374,7 +375,7 @@ fn an_oblique_volume_shows_what_lies_at_its_places() {
         let place =
             |i: usize| field(grid.position(DVec3::from_array([i % 33, i / 33 % 33, i / 1089].map(|v| v as f64))));
         let values = (0..grid.len()).map(|i| place(i) as f32).collect();
-        RayCaster::new(&Volume { grid, values }, None, &tf, SPAN, Placement::new(&grid, 1.0), 0.25)
+        RayCaster::new(&Volume { grid, values }, None, &tf, SPAN, VoxelPlacement::new(&grid, 1.0), 0.25)
     });
     for camera in training_cameras(4, RADIUS, lens(32)) {
         let [a, b] = [0, 1].map(|i| casters[i].render(&camera, None));

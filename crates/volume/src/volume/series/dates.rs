@@ -1,6 +1,6 @@
 //! Dates in the names of a series: `20240131_235900`, `2024-01-31T23:59`, `2024013123`, `202401`, in the Gregorian calendar.
 
-use super::pieces::Piece;
+use super::pieces::NamePiece;
 use std::ops::Range;
 
 /// Years that a date without separators may have: `00000101` is a step.
@@ -8,7 +8,7 @@ const YEARS: Range<i64> = 1000..3000;
 
 /// The pieces that hold the date of each name, which must contain all that `varying` lists, and the seconds from
 /// 1970-01-01 00:00 to each; `None` if one of the names has no date there.
-pub fn dates(names: &[Vec<Piece<'_>>], varying: &[usize]) -> Option<(Range<usize>, Vec<i64>)> {
+pub fn dates(names: &[Vec<NamePiece<'_>>], varying: &[usize]) -> Option<(Range<usize>, Vec<i64>)> {
     let (&first, &last) = (varying.first()?, varying.last()?);
     let pieces = names.first()?.len();
     let read = |range: &Range<usize>| names.iter().map(|name| seconds(name, range.clone())).collect::<Option<Vec<_>>>();
@@ -18,9 +18,9 @@ pub fn dates(names: &[Vec<Piece<'_>>], varying: &[usize]) -> Option<(Range<usize
 
 /// As [`dates`], for years and months alone. A number of six digits is one only if the year changes, so that it can be
 /// no step: `202412` is followed by `202501`.
-fn months(names: &[Vec<Piece<'_>>], varying: &[usize]) -> Option<(Range<usize>, Vec<i64>)> {
+fn months(names: &[Vec<NamePiece<'_>>], varying: &[usize]) -> Option<(Range<usize>, Vec<i64>)> {
     let &[at] = varying else { return None };
-    let month = |name: &Vec<Piece<'_>>| {
+    let month = |name: &Vec<NamePiece<'_>>| {
         let digits = name[at].digits().filter(|d| d.len() == 6)?;
         Some((digits[..4].parse::<i64>().ok().filter(|y| YEARS.contains(y))?, month_of(&digits[4..])?))
     };
@@ -30,9 +30,9 @@ fn months(names: &[Vec<Piece<'_>>], varying: &[usize]) -> Option<(Range<usize>, 
 }
 
 /// The date that the pieces in `range` hold from the first to the last.
-fn seconds(name: &[Piece<'_>], range: Range<usize>) -> Option<i64> {
+fn seconds(name: &[NamePiece<'_>], range: Range<usize>) -> Option<i64> {
     let pieces = &name[range];
-    let numbers: Vec<&str> = pieces.iter().step_by(2).map(Piece::digits).collect::<Option<_>>()?;
+    let numbers: Vec<&str> = pieces.iter().step_by(2).map(NamePiece::digits).collect::<Option<_>>()?;
     let joints: Vec<&str> = pieces.iter().skip(1).step_by(2).map(|p| p.text).collect();
     // it ends with a number
     if joints.len() + 1 != numbers.len() {

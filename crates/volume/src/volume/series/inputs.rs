@@ -2,9 +2,9 @@
 //! the numbers in names. No file is opened here.
 
 use super::SeriesOptions;
-use super::names::{self, Missing, Names};
+use super::names::{self, MissingStep, Names};
 use crate::volume::error::VolumeError;
-use crate::volume::formats::{self, Format, format_of};
+use crate::volume::formats::{self, VolumeFormat, format_of};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -54,7 +54,7 @@ fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
     }
     if files.iter().any(|f| f.extension().is_some_and(|e| e.eq_ignore_ascii_case("nhdr"))) {
         let bare = |f: &PathBuf| {
-            matches!(format_of(f), Some((Format::Raw, _))) && matches!(formats::raw::sidecar_of(f), Ok(None))
+            matches!(format_of(f), Some((VolumeFormat::Raw, _))) && matches!(formats::raw::sidecar_of(f), Ok(None))
         };
         files.retain(|f| !bare(f));
     }
@@ -99,7 +99,7 @@ fn stem(file: &Path) -> String {
 
 /// What the names of a series tell.
 #[derive(Debug, Default)]
-pub struct Told {
+pub struct SeriesOrder {
     /// Whether steps are missing.
     pub gaps: bool,
     /// The time of each file in seconds, where dates give them.
@@ -114,11 +114,11 @@ pub struct Told {
 ///
 /// # Errors
 /// Files out of order or of unclear order, files of several series, or a missing step.
-pub fn check_order(inputs: &[String], files: &[PathBuf], options: &SeriesOptions) -> Result<Told, VolumeError> {
+pub fn check_order(inputs: &[String], files: &[PathBuf], options: &SeriesOptions) -> Result<SeriesOrder, VolumeError> {
     // each input names at least one file
     let listed = files.len() == inputs.len();
     if options.times.is_some() && listed {
-        return Ok(Told::default());
+        return Ok(SeriesOrder::default());
     }
     let stems: Vec<String> = files.iter().map(|f| stem(f)).collect();
     let mut names = Names::from_stems(&stems);
@@ -149,8 +149,10 @@ pub fn check_order(inputs: &[String], files: &[PathBuf], options: &SeriesOptions
         };
         return Err(VolumeError::invalid(&files[i], "inputs", problem, hint));
     }
-    let mut told =
-        Told { seconds: names.seconds().map(|all| all.iter().map(|&s| s as f64).collect()), ..Told::default() };
+    let mut told = SeriesOrder {
+        seconds: names.seconds().map(|all| all.iter().map(|&s| s as f64).collect()),
+        ..SeriesOrder::default()
+    };
     let again = names.begins_again();
     if let Some((i, folder)) = again {
         let problem = format!("its {} {} follows {}", names.kind(i), names.written(i), names.written(i - 1));
@@ -172,7 +174,7 @@ pub fn check_order(inputs: &[String], files: &[PathBuf], options: &SeriesOptions
             told.notes.push(format!("{problem}; give the time of each with --time-values"));
         }
     }
-    let Some(Missing { after, at, number }) = names.missing() else { return Ok(told) };
+    let Some(MissingStep { after, at, number }) = names.missing() else { return Ok(told) };
     if options.allow_gaps || options.times.is_some() {
         told.gaps = true;
         return Ok(told);

@@ -2,7 +2,7 @@
 //! file is opened here.
 
 use super::dates::dates;
-use super::pieces::{Piece, split};
+use super::pieces::{NamePiece, split};
 use std::cmp::Ordering;
 use std::ops::Range;
 
@@ -22,7 +22,7 @@ pub fn order(stems: &[String]) -> Vec<usize> {
 
 /// A step that no name has.
 #[derive(Debug, PartialEq, Eq)]
-pub struct Missing {
+pub struct MissingStep {
     /// The name after which it is missing.
     pub after: usize,
     /// Where the number stands in that name, in bytes.
@@ -33,7 +33,7 @@ pub struct Missing {
 
 /// Names in order, and the numbers that give the step in each.
 pub struct Names<'a> {
-    names: Vec<Vec<Piece<'a>>>,
+    names: Vec<Vec<NamePiece<'a>>>,
     /// The pieces that hold the numbers by which the names are ordered: where names differ in numbers only, all that
     /// vary, else the number that ends each name.
     at: Vec<Vec<usize>>,
@@ -67,7 +67,7 @@ impl<'a> Names<'a> {
     }
 
     /// The numbers that order name `i`.
-    fn numbers(&self, i: usize) -> impl Iterator<Item = &Piece<'a>> {
+    fn numbers(&self, i: usize) -> impl Iterator<Item = &NamePiece<'a>> {
         self.at[i].iter().map(move |&k| &self.names[i][k])
     }
 
@@ -121,7 +121,7 @@ impl<'a> Names<'a> {
 
     /// Whether the numbers are decimal, at distances that differ by more than a hundredth.
     pub fn are_uneven(&self) -> bool {
-        let value = |(name, at): (&Vec<Piece<'a>>, &Vec<usize>)| match at[..] {
+        let value = |(name, at): (&Vec<NamePiece<'a>>, &Vec<usize>)| match at[..] {
             [k] if name[k].whole().is_none() => name[k].text.parse::<f64>().ok(),
             [k] => name[k].whole().map(|(value, _)| value as f64),
             _ => None,
@@ -136,7 +136,7 @@ impl<'a> Names<'a> {
 
     /// The first step that is missing among names in order: their last number has another stride there than elsewhere,
     /// which is judged where the numbers before it stay, if it begins again. Decimal numbers and dates show no gaps.
-    pub fn missing(&self) -> Option<Missing> {
+    pub fn missing(&self) -> Option<MissingStep> {
         if self.date.is_some() {
             return None;
         }
@@ -158,21 +158,21 @@ impl<'a> Names<'a> {
         let missing = before + stride;
         let sign = if missing < 0 { "-" } else { "" };
         let number = format!("{sign}{:0width$}", missing.unsigned_abs());
-        Some(Missing { after, at: start..start + self.names[after][k].text.len(), number })
+        Some(MissingStep { after, at: start..start + self.names[after][k].text.len(), number })
     }
 }
 
 /// The pieces in which names vary, if they differ in numbers only.
-fn varying(names: &[Vec<Piece<'_>>]) -> Option<Vec<usize>> {
+fn varying(names: &[Vec<NamePiece<'_>>]) -> Option<Vec<usize>> {
     let first = names.first()?;
-    let same = |(a, b): (&Piece<'_>, &Piece<'_>)| a.is_number() && b.is_number() || a.cmp(b).is_eq();
+    let same = |(a, b): (&NamePiece<'_>, &NamePiece<'_>)| a.is_number() && b.is_number() || a.cmp(b).is_eq();
     let alike = names.iter().all(|name| name.len() == first.len() && name.iter().zip(first).all(same));
     alike.then(|| (0..first.len()).filter(|&i| names.iter().any(|name| name[i].cmp(&first[i]).is_ne())).collect())
 }
 
 /// The number that ends each name; `None` where one has none.
-fn ends(names: &[Vec<Piece<'_>>]) -> Option<Vec<Vec<usize>>> {
-    let end = |name: &Vec<Piece<'_>>| {
+fn ends(names: &[Vec<NamePiece<'_>>]) -> Option<Vec<Vec<usize>>> {
+    let end = |name: &Vec<NamePiece<'_>>| {
         let i = name.len().checked_sub(1)?;
         name[i].is_number().then(|| vec![i])
     };

@@ -57,7 +57,7 @@ fn check_order(right: &[&str], steps: bool) {
 
 /// The whole number that orders name `i`, the last of several.
 fn last(names: &Names<'_>, i: usize) -> Option<i128> {
-    names.numbers(i).last().and_then(Piece::whole).map(|(value, _)| value)
+    names.numbers(i).last().and_then(NamePiece::whole).map(|(value, _)| value)
 }
 
 #[test]

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 /// Notes on files, each text once with the first file it concerns.
 #[derive(Default)]
-pub struct Notes(Vec<(String, PathBuf, usize)>);
+pub struct FileNotes(Vec<(String, PathBuf, usize)>);
 
-impl Notes {
+impl FileNotes {
     /// Adds notes on a file.
     pub fn add(&mut self, path: &Path, texts: &[String]) {
         for text in texts {

@@ -6,14 +6,14 @@ use std::ops::Range;
 
 /// A number in a name: its sign, its digits, those after a decimal point, and a power of ten.
 #[derive(Clone, Copy, Debug)]
-struct Number<'a> {
+struct NumberInName<'a> {
     negative: bool,
     whole: &'a str,
     fraction: &'a str,
     exponent: i64,
 }
 
-impl Number<'_> {
+impl NumberInName<'_> {
     /// -1, 0 or 1.
     fn sign(&self) -> i8 {
         let zero = self.digits().all(|d| d == b'0');
@@ -56,16 +56,16 @@ impl Number<'_> {
 
 /// One piece of a name: a number, or the text between two.
 #[derive(Clone, Copy, Debug)]
-pub struct Piece<'a> {
+pub struct NamePiece<'a> {
     /// The piece as written.
     pub text: &'a str,
-    number: Option<Number<'a>>,
+    number: Option<NumberInName<'a>>,
 }
 
-impl<'a> Piece<'a> {
+impl<'a> NamePiece<'a> {
     /// The digits of a whole number without a sign.
     pub fn digits(&self) -> Option<&'a str> {
-        let plain = |n: &Number<'a>| !n.negative && n.whole.len() == self.text.len();
+        let plain = |n: &NumberInName<'a>| !n.negative && n.whole.len() == self.text.len();
         self.number.filter(plain).map(|n| n.whole)
     }
 
@@ -94,20 +94,20 @@ impl<'a> Piece<'a> {
 }
 
 /// Splits a text into alternating texts and whole numbers; the first piece is a text, which may be empty.
-fn pieces(text: &str) -> Vec<Piece<'_>> {
+fn pieces(text: &str) -> Vec<NamePiece<'_>> {
     let (mut found, mut rest, mut digits) = (Vec::new(), text, false);
     while !rest.is_empty() || found.is_empty() {
         let end = rest.bytes().position(|b| b.is_ascii_digit() != digits).unwrap_or(rest.len());
         let (text, tail) = rest.split_at(end);
-        let number = Number { negative: false, whole: text, fraction: "", exponent: 0 };
-        found.push(Piece { text, number: digits.then_some(number) });
+        let number = NumberInName { negative: false, whole: text, fraction: "", exponent: 0 };
+        found.push(NamePiece { text, number: digits.then_some(number) });
         (rest, digits) = (tail, !digits);
     }
     found
 }
 
 /// The position of the last two numbers joined by a point, unless a third is joined to them as in `1.2.10`.
-fn joined(name: &[Piece<'_>]) -> Option<usize> {
+fn joined(name: &[NamePiece<'_>]) -> Option<usize> {
     let is_point = |i: usize| name.get(i).is_some_and(|p| p.text == ".");
     let ends_in_point = |i: usize| name.get(i).is_some_and(|p| p.text.ends_with('.'));
     let pair = |&i: &usize| name[i].digits().is_some() && is_point(i + 1) && name.get(i + 2).is_some();
@@ -117,7 +117,7 @@ fn joined(name: &[Piece<'_>]) -> Option<usize> {
 
 /// The position of a number and the exponent that follows it: `1e-3`, or with a decimal point `1.5e3`; `s01e02` has
 /// none.
-fn power(name: &[Piece<'_>]) -> Option<(usize, i64)> {
+fn power(name: &[NamePiece<'_>]) -> Option<(usize, i64)> {
     (1..name.len().saturating_sub(2)).find_map(|i| {
         let sign = match name[i + 1].text {
             "e-" | "E-" => -1,
@@ -145,7 +145,7 @@ enum Reading {
 /// the point differ in length, some that end in a zero are those of unpadded steps; else numbers that share their whole
 /// part are read by their stride, and others are decimal. If the lengths are equal, they are decimal if the numbers on
 /// both sides of the point vary.
-fn reading(names: &[Vec<Piece<'_>>]) -> Reading {
+fn reading(names: &[Vec<NamePiece<'_>>]) -> Reading {
     let at: Vec<Option<(&str, &str)>> =
         names.iter().map(|name| joined(name).and_then(|i| name[i].digits().zip(name[i + 2].digits()))).collect();
     let Some((first, fraction)) = at.iter().flatten().next() else { return Reading::Whole };
@@ -205,15 +205,15 @@ fn is_even(numbers: &[u128], slack: u128) -> bool {
 }
 
 /// The name with the pieces in `range` as one, which is this number.
-fn merge<'a>(stem: &'a str, name: &mut Vec<Piece<'a>>, range: Range<usize>, number: Number<'a>) {
-    let length = |pieces: &[Piece<'_>]| pieces.iter().map(|p| p.text.len()).sum::<usize>();
+fn merge<'a>(stem: &'a str, name: &mut Vec<NamePiece<'a>>, range: Range<usize>, number: NumberInName<'a>) {
+    let length = |pieces: &[NamePiece<'_>]| pieces.iter().map(|p| p.text.len()).sum::<usize>();
     let (start, size) = (length(&name[..range.start]), length(&name[range.clone()]));
-    name.splice(range, [Piece { text: &stem[start..start + size], number: Some(number) }]);
+    name.splice(range, [NamePiece { text: &stem[start..start + size], number: Some(number) }]);
 }
 
 /// The names in pieces, with each decimal number as one piece, as `decimal` says or else as can be told from the names;
 /// and two names whose order is unclear, if any.
-pub fn split(stems: &[String], decimal: Option<bool>) -> (Vec<Vec<Piece<'_>>>, Option<[usize; 2]>) {
+pub fn split(stems: &[String], decimal: Option<bool>) -> (Vec<Vec<NamePiece<'_>>>, Option<[usize; 2]>) {
     let mut names: Vec<_> = stems.iter().map(|s| pieces(s)).collect();
     let powers = names.iter().any(|name| power(name).is_some());
     let (decimal, unclear) = match decimal {
@@ -229,12 +229,12 @@ pub fn split(stems: &[String], decimal: Option<bool>) -> (Vec<Vec<Piece<'_>>>, O
         if let Some(i) = joined(name).filter(|_| decimal)
             && let (Some(whole), Some(fraction)) = (name[i].digits(), name[i + 2].digits())
         {
-            merge(stem, name, i..i + 3, Number { negative: false, whole, fraction, exponent: 0 });
+            merge(stem, name, i..i + 3, NumberInName { negative: false, whole, fraction, exponent: 0 });
         }
         while let Some((i, exponent)) = power(name)
             && let Some(number) = name[i].number
         {
-            merge(stem, name, i..i + 3, Number { exponent: number.exponent + exponent, ..number });
+            merge(stem, name, i..i + 3, NumberInName { exponent: number.exponent + exponent, ..number });
         }
     }
     signs(stems, &mut names);
@@ -242,10 +242,10 @@ pub fn split(stems: &[String], decimal: Option<bool>) -> (Vec<Vec<Piece<'_>>>, O
 }
 
 /// Reads a dash before a number as its sign where other names have none there: `t-1`, `t0`. Else it is a separator.
-fn signs<'a>(stems: &'a [String], names: &mut [Vec<Piece<'a>>]) {
+fn signs<'a>(stems: &'a [String], names: &mut [Vec<NamePiece<'a>>]) {
     let Some(count) = names.first().map(Vec::len).filter(|n| names.iter().all(|name| name.len() == *n)) else { return };
     for i in (1..count).filter(|i| i % 2 == 1) {
-        let bare = |name: &[Piece<'a>]| {
+        let bare = |name: &[NamePiece<'a>]| {
             let text = name[i - 1].text;
             text.strip_suffix(['-', '+']).unwrap_or(text)
         };
@@ -260,9 +260,9 @@ fn signs<'a>(stems: &'a [String], names: &mut [Vec<Piece<'a>>]) {
             name[i - 1].text = &text[..before];
             let start = name[..i].iter().map(|p| p.text.len()).sum::<usize>();
             let end = start + text.len() - before + name[i].text.len();
-            name[i] = Piece {
+            name[i] = NamePiece {
                 text: &stem[start..end],
-                number: Some(Number { negative: text[before..].starts_with('-'), ..number }),
+                number: Some(NumberInName { negative: text[before..].starts_with('-'), ..number }),
             };
         }
     }

@@ -1,10 +1,10 @@
 //! Whether the files of a series, or a volume and its labels, are at the same place.
 
-use super::{Notes, Series};
+use super::{FileNotes, Series};
 use crate::data::calibration::AxisConvention;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::Grid;
-use crate::volume::source::{Header, Physical, VOXELS};
+use crate::volume::source::{PhysicalMetadata, VOXELS, VolumeHeader};
 use glam::DVec3;
 use std::path::Path;
 
@@ -54,11 +54,11 @@ impl Series {
 /// They differ in steps, grid, space or unit; or in their origin, unless that is ignored.
 pub(super) fn compare(
     first: &Path,
-    header: &Header,
+    header: &VolumeHeader,
     path: &Path,
-    other: &Header,
+    other: &VolumeHeader,
     ignore_origin: bool,
-    notes: &mut Notes,
+    notes: &mut FileNotes,
 ) -> Result<(), VolumeError> {
     let (a, b) = (&header.grid, &other.grid);
     let differ = |field: &str, ours: String, theirs: String| {
@@ -85,7 +85,7 @@ pub(super) fn compare(
     {
         return differ("space", b.to_string(), a.to_string());
     }
-    let named = |p: &Physical| p.length_unit.clone().filter(|unit| unit != VOXELS);
+    let named = |p: &PhysicalMetadata| p.length_unit.clone().filter(|unit| unit != VOXELS);
     if let (Some(a), Some(b)) = (named(theirs), named(ours))
         && a != b
     {

@@ -320,12 +320,12 @@ fn replaced_voxels_count_neither_in_the_range_nor_in_the_histogram() {
     for (file, not_finite) in [(one, 2), (many, 3)] {
         let s = Series::open(&[file], &options).unwrap();
         assert_eq!(s.range().unwrap(), [10.0, 21.5]);
-        assert_eq!(s.scan().unwrap(), Scan { range: Some([10.0, 21.5]), not_finite });
+        assert_eq!(s.scan().unwrap(), SeriesScan { range: Some([10.0, 21.5]), not_finite });
         assert_eq!(s.histogram(0, 1, [-9999.0, f32::INFINITY]).unwrap()[0], if not_finite == 2 { 2 } else { 1 });
         assert!(s.load(0).unwrap().values.contains(&-9999.0));
     }
     let none = Series::open(&[with(&d, "none.nrrd", "2 1 1", "1 1 1", &[nan, infinite])], &options).unwrap();
-    assert_eq!(none.scan().unwrap(), Scan { range: None, not_finite: 2 });
+    assert_eq!(none.scan().unwrap(), SeriesScan { range: None, not_finite: 2 });
     let message = none.range().unwrap_err().to_string();
     assert!(message.contains("none.nrrd") && message.contains("no voxel of any step is finite"), "{message}");
 }

@@ -2,7 +2,7 @@
 
 use super::SeriesOptions;
 use crate::volume::error::VolumeError;
-use crate::volume::source::{Physical, VOXELS};
+use crate::volume::source::{PhysicalMetadata, VOXELS};
 use std::path::Path;
 
 /// The unit of times that dates give.
@@ -10,7 +10,7 @@ const SECONDS: &str = "s";
 
 /// The times of all steps.
 #[derive(Debug)]
-pub(super) struct Times {
+pub(super) struct SeriesTimes {
     /// In [0, 1]: 0 the first, 1 the last; 0 for a single step.
     pub scene: Vec<f64>,
     /// As given, ascending; `None` where they are unknown.
@@ -19,7 +19,7 @@ pub(super) struct Times {
     pub unit: Option<String>,
 }
 
-impl Times {
+impl SeriesTimes {
     /// The times that the options give, else those of the file of many steps, else those of `dates` in seconds, else
     /// evenly spaced ones. Dates count from the first.
     ///
@@ -30,7 +30,7 @@ impl Times {
         steps: usize,
         options: &SeriesOptions,
         dates: Option<Vec<f64>>,
-        physical: &Physical,
+        physical: &PhysicalMetadata,
         notes: &mut Vec<String>,
     ) -> Result<Self, VolumeError> {
         let dates = dates.filter(|_| options.times.is_none());

@@ -24,13 +24,13 @@ struct Bead {
 }
 
 /// The scene at one time.
-pub(super) struct Frame {
+pub(super) struct BeadsFrame {
     t: f64,
     beads: [Bead; 7],
 }
 
 /// The scene at one time and height: the beads that reach it, with their labels.
-pub(super) struct Slice<'a> {
+pub(super) struct BeadsSlice<'a> {
     t: f64,
     z: f64,
     beads: Vec<(&'a Bead, u16)>,
@@ -42,7 +42,7 @@ fn moved(centre: P3, along: P3, way: f64) -> P3 {
     std::array::from_fn(|a| centre[a] + scale * along[a])
 }
 
-impl Frame {
+impl BeadsFrame {
     pub(super) fn new(t: f64) -> Self {
         let w = TAU * t;
         // the pair comes together, stays merged for a while and separates
@@ -70,14 +70,14 @@ impl Frame {
         Self { t, beads }
     }
 
-    pub(super) fn slice(&self, z: f64) -> Slice<'_> {
+    pub(super) fn slice(&self, z: f64) -> BeadsSlice<'_> {
         let reach = |bead: &Bead| bead.radius + NECK + FLANK + ROUGH;
         let beads = self.beads.iter().zip(1..).filter(|(b, _)| (b.centre[2] - z).abs() < reach(b)).collect();
-        Slice { t: self.t, z, beads }
+        BeadsSlice { t: self.t, z, beads }
     }
 }
 
-impl Slice<'_> {
+impl BeadsSlice<'_> {
     /// Value and label at one point of the slice, before the window of the box.
     pub(super) fn at(&self, x: f64, y: f64) -> (f64, u16) {
         let p = [x, y, self.z];

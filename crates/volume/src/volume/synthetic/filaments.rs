@@ -3,7 +3,7 @@
 //! position alone.
 
 use super::field::{P3, smooth_max, step};
-use super::strand::{Bead, Chunk, chunks, outside};
+use super::strand::{Chunk, StrandPoint, chunks, outside};
 use std::f64::consts::TAU;
 
 /// Segment names by label.
@@ -21,12 +21,12 @@ const PIECES: usize = 48;
 const CHUNK: usize = 6;
 
 /// The scene at one time.
-pub(super) struct Frame {
+pub(super) struct FilamentsFrame {
     chunks: Vec<Chunk>,
 }
 
 /// The scene at one time and height: the chunks that reach it.
-pub(super) struct Slice<'a> {
+pub(super) struct FilamentsSlice<'a> {
     z: f64,
     chunks: Vec<&'a Chunk>,
 }
@@ -57,26 +57,26 @@ fn line(filament: usize, u: f64, t: f64) -> P3 {
     }
 }
 
-impl Frame {
+impl FilamentsFrame {
     pub(super) fn new(t: f64) -> Self {
         let strand = |filament: usize| {
-            let bead = |i: usize| -> Bead {
+            let bead = |i: usize| -> StrandPoint {
                 let u = 2.0 * i as f64 / PIECES as f64 - 1.0;
                 // thinner towards the ends
                 (line(filament, u, t), RADIUS * (1.0 - 0.3 * u.powi(4)))
             };
-            let beads: Vec<Bead> = (0..=PIECES).map(bead).collect();
+            let beads: Vec<StrandPoint> = (0..=PIECES).map(bead).collect();
             chunks(filament, &beads, CHUNK, FLANK).collect::<Vec<_>>()
         };
         Self { chunks: (0..PEAKS.len()).flat_map(strand).collect() }
     }
 
-    pub(super) fn slice(&self, z: f64) -> Slice<'_> {
-        Slice { z, chunks: self.chunks.iter().filter(|chunk| chunk.reaches(z)).collect() }
+    pub(super) fn slice(&self, z: f64) -> FilamentsSlice<'_> {
+        FilamentsSlice { z, chunks: self.chunks.iter().filter(|chunk| chunk.reaches(z)).collect() }
     }
 }
 
-impl Slice<'_> {
+impl FilamentsSlice<'_> {
     /// Value and label at one point of the slice, before the window of the box.
     pub(super) fn at(&self, x: f64, y: f64) -> (f64, u16) {
         let p = [x, y, self.z];

@@ -48,14 +48,14 @@ struct Head {
 }
 
 /// The plumes at one time.
-pub(super) struct Frame {
+pub(super) struct JetsFrame {
     t: f64,
     heads: [Head; 5],
 }
 
 /// The plumes at one time and one height.
-pub(super) struct Slice<'a> {
-    frame: &'a Frame,
+pub(super) struct JetsSlice<'a> {
+    frame: &'a JetsFrame,
     z: f64,
     /// Per plume: centre of the stem at the nearest height it reaches, offset above or below that height, radius.
     stems: [([f64; 2], f64, f64); 5],
@@ -83,7 +83,7 @@ fn turbulence(p: P3, t: f64, phase: f64) -> f64 {
     0.36 * coarse + 0.24 * fine
 }
 
-impl Frame {
+impl JetsFrame {
     pub(super) fn new(t: f64) -> Self {
         let heads = PLUMES.each_ref().map(|plume| {
             let own = 0.82 * t + plume.lead;
@@ -94,7 +94,7 @@ impl Frame {
         Self { t, heads }
     }
 
-    pub(super) fn slice(&self, z: f64) -> Slice<'_> {
+    pub(super) fn slice(&self, z: f64) -> JetsSlice<'_> {
         let stems = std::array::from_fn(|k| {
             let (plume, head) = (&PLUMES[k], &self.heads[k]);
             let near = z.clamp(FLOOR, head.centre[2]);
@@ -102,11 +102,11 @@ impl Frame {
             let flare = 0.035 * (-(near - FLOOR) / 0.12).exp();
             (centre(plume, near, self.t), z - near, (0.070 + 0.040 * (near - FLOOR)) * bulge + flare)
         });
-        Slice { frame: self, z, stems }
+        JetsSlice { frame: self, z, stems }
     }
 }
 
-impl Slice<'_> {
+impl JetsSlice<'_> {
     /// Value and label at one point of the slice, before the window of the box.
     pub(super) fn at(&self, x: f64, y: f64) -> (f64, u16) {
         let mut value = 0.0;

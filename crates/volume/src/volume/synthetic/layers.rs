@@ -25,7 +25,7 @@ const BODY_BEGINS: f64 = 0.40;
 const CORE_BEGINS: f64 = 0.74;
 
 /// The scene at one time.
-pub(super) struct Frame {
+pub(super) struct LayersFrame {
     phase: f64,
     shell: P3,
     shell_axes: P3,
@@ -39,7 +39,7 @@ pub(super) struct Frame {
     core_turn: (f64, f64),
 }
 
-impl Frame {
+impl LayersFrame {
     pub(super) fn new(t: f64) -> Self {
         let phase = TAU * t;
         Self {

@@ -15,7 +15,7 @@ mod vortices;
 mod tests;
 
 use crate::volume::error::VolumeError;
-use crate::volume::grid::{Grid, Labels, Volume};
+use crate::volume::grid::{Grid, Volume, VolumeLabels};
 use crate::volume::transfer::TransferFunction;
 use rayon::prelude::*;
 use std::fmt;
@@ -56,26 +56,26 @@ pub struct UnknownSynthetic {
 }
 
 /// A scene at one time: what depends on time alone is computed once, what depends on height once per slice.
-enum Frame {
-    Jets(jets::Frame),
-    Vortices(vortices::Frame),
-    Shells(shells::Frame),
-    Layers(layers::Frame),
-    Beads(beads::Frame),
-    Filaments(filaments::Frame),
+enum SyntheticFrame {
+    Jets(jets::JetsFrame),
+    Vortices(vortices::VorticesFrame),
+    Shells(shells::ShellsFrame),
+    Layers(layers::LayersFrame),
+    Beads(beads::BeadsFrame),
+    Filaments(filaments::FilamentsFrame),
 }
 
-impl Frame {
+impl SyntheticFrame {
     fn new(scene: Synthetic, t: f64) -> Self {
         // a NaN time would spread into every voxel: it is treated as the start
         let t = if t.is_nan() { 0.0 } else { t.clamp(0.0, 1.0) };
         match scene {
-            Synthetic::Jets => Self::Jets(jets::Frame::new(t)),
-            Synthetic::Vortices => Self::Vortices(vortices::Frame::new(t)),
-            Synthetic::Shells => Self::Shells(shells::Frame::new(t)),
-            Synthetic::Layers => Self::Layers(layers::Frame::new(t)),
-            Synthetic::Beads => Self::Beads(beads::Frame::new(t)),
-            Synthetic::Filaments => Self::Filaments(filaments::Frame::new(t)),
+            Synthetic::Jets => Self::Jets(jets::JetsFrame::new(t)),
+            Synthetic::Vortices => Self::Vortices(vortices::VorticesFrame::new(t)),
+            Synthetic::Shells => Self::Shells(shells::ShellsFrame::new(t)),
+            Synthetic::Layers => Self::Layers(layers::LayersFrame::new(t)),
+            Synthetic::Beads => Self::Beads(beads::BeadsFrame::new(t)),
+            Synthetic::Filaments => Self::Filaments(filaments::FilamentsFrame::new(t)),
         }
     }
 
@@ -141,14 +141,14 @@ impl Synthetic {
     /// there, 0 for none. To fill a grid use [`Self::sample`], which shares the work between points.
     pub fn value_and_label(self, p: [f64; 3], t: f64) -> (f32, u16) {
         let mut answer = (0.0, 0);
-        Frame::new(self, t).plane(p[2], &[p[0]], &[p[1]], |_, value, label| answer = (value as f32, label));
+        SyntheticFrame::new(self, t).plane(p[2], &[p[0]], &[p[1]], |_, value, label| answer = (value as f32, label));
         answer
     }
 
     /// The field at the centres of a grid of `dims` voxels (x, y, z) at the time `t`: the longest side spans `[-1, 1]`,
     /// the voxels are cubes of side `2 / longest`, and the grid is centred at the origin; a shorter side shows the
     /// middle of the box. Values and labels are `[z, y, x]`, x fastest, and bit-identical for any number of threads.
-    pub fn sample(self, dims: [usize; 3], t: f64) -> (Volume, Labels) {
+    pub fn sample(self, dims: [usize; 3], t: f64) -> (Volume, VolumeLabels) {
         let spacing = 2.0 / dims.into_iter().max().unwrap_or(1).max(1) as f64;
         let origin: [f64; 3] = std::array::from_fn(|a| 0.5 * spacing * (1.0 - dims[a] as f64));
         let grid = Grid::aligned(dims, [spacing; 3], origin);
@@ -156,7 +156,7 @@ impl Synthetic {
         let (xs, ys, zs) = (axis(0), axis(1), axis(2));
         let mut values = vec![0.0_f32; grid.len()];
         let mut ids = vec![0_u16; grid.len()];
-        let frame = Frame::new(self, t);
+        let frame = SyntheticFrame::new(self, t);
         // a slice of no voxels has nothing to fill, and chunks may not be empty
         let slice = (dims[0] * dims[1]).max(1);
         values.par_chunks_mut(slice).zip(ids.par_chunks_mut(slice)).zip(&zs).for_each(|((values, ids), &z)| {
@@ -165,7 +165,7 @@ impl Synthetic {
                 ids[at] = label;
             });
         });
-        (Volume { grid, values }, Labels { grid, ids })
+        (Volume { grid, values }, VolumeLabels { grid, ids })
     }
 
     /// A transfer function that shows the scene well: the preset of the scene's name, except for `layers`, which has

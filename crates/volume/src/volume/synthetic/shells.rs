@@ -19,13 +19,13 @@ const FLANK: f64 = 0.045;
 const HEART: f64 = 0.15;
 
 /// The scene at one time.
-pub(super) struct Frame {
+pub(super) struct ShellsFrame {
     t: f64,
     centre: P3,
     seed: P3,
 }
 
-impl Frame {
+impl ShellsFrame {
     pub(super) fn new(t: f64) -> Self {
         let centre = [0.06 * (TAU * t).sin(), 0.05 * (TAU * t).cos() - 0.02, 0.05 * (TAU * t + 0.8).sin()];
         // a tilted orbit, slightly more than half a turn

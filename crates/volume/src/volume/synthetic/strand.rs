@@ -4,11 +4,11 @@
 use super::field::{P3, dot, norm, sub};
 
 /// A point of a strand: position and radius. A radius of minus the flank or less leaves no trace in the field.
-pub(super) type Bead = (P3, f64);
+pub(super) type StrandPoint = (P3, f64);
 
 /// A run of beads and the sphere that bounds its effect on the field.
 pub(super) struct Chunk {
-    beads: Vec<Bead>,
+    beads: Vec<StrandPoint>,
     centre: P3,
     reach: f64,
     /// The tube it belongs to.
@@ -17,7 +17,7 @@ pub(super) struct Chunk {
 
 /// Cuts a strand into chunks of `length` pieces that share their end beads; `flank` is how far beyond its radius a
 /// tube raises the field. The number of pieces must be a multiple of `length`.
-pub(super) fn chunks(tube: usize, beads: &[Bead], length: usize, flank: f64) -> impl Iterator<Item = Chunk> {
+pub(super) fn chunks(tube: usize, beads: &[StrandPoint], length: usize, flank: f64) -> impl Iterator<Item = Chunk> {
     (0..beads.len().saturating_sub(1)).step_by(length).map(move |start| {
         let beads = beads[start..=start + length].to_vec();
         let centre = beads[length / 2].0;
@@ -52,7 +52,7 @@ pub(super) fn outside<const N: usize>(chunks: &[&Chunk], p: P3) -> [f64; N] {
 }
 
 /// Signed distance to the cone between two beads, negative inside.
-fn piece(p: P3, a: &Bead, b: &Bead) -> f64 {
+fn piece(p: P3, a: &StrandPoint, b: &StrandPoint) -> f64 {
     let (from, along) = (sub(p, a.0), sub(b.0, a.0));
     let s = (dot(from, along) / dot(along, along).max(1e-12)).clamp(0.0, 1.0);
     norm(sub(from, along.map(|c| c * s))) - (a.1 + (b.1 - a.1) * s)

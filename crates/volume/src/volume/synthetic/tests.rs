@@ -1,16 +1,16 @@
 //! What the scenes guarantee: range, empty faces, continuity, and which segments exist when and in how many pieces.
 
 use super::Synthetic;
-use crate::volume::grid::{Labels, Volume};
+use crate::volume::grid::{Volume, VolumeLabels};
 use proptest::prelude::*;
 
 const SIDE: usize = 48;
 
-fn cube(scene: Synthetic, t: f64) -> (Volume, Labels) {
+fn cube(scene: Synthetic, t: f64) -> (Volume, VolumeLabels) {
     scene.sample([SIDE; 3], t)
 }
 
-fn count(labels: &Labels, name: &str, scene: Synthetic) -> usize {
+fn count(labels: &VolumeLabels, name: &str, scene: Synthetic) -> usize {
     let id = id_of(scene, name);
     labels.ids.iter().filter(|&&l| l == id).count()
 }
@@ -20,7 +20,7 @@ fn id_of(scene: Synthetic, name: &str) -> u16 {
 }
 
 /// Number of connected sets (26 neighbours) of voxels with this label.
-fn pieces(labels: &Labels, id: u16) -> usize {
+fn pieces(labels: &VolumeLabels, id: u16) -> usize {
     let [nx, ny, nz] = labels.grid.dims.map(|d| d as i64);
     let mut open: Vec<bool> = labels.ids.iter().map(|&l| l == id).collect();
     let mut found = 0;
@@ -141,7 +141,7 @@ fn layers_lie_within_each_other() {
 
 #[test]
 fn layers_are_not_concentric() {
-    let centre = |labels: &Labels, id: u16| -> [f64; 3] {
+    let centre = |labels: &VolumeLabels, id: u16| -> [f64; 3] {
         let at: Vec<usize> = (0..labels.ids.len()).filter(|&i| labels.ids[i] == id).collect();
         let place = |i: usize| [i % SIDE, i / SIDE % SIDE, i / (SIDE * SIDE)].map(|c| c as f64 * 2.0 / SIDE as f64);
         let sum = at.iter().fold([0.0; 3], |s: [f64; 3], i| std::array::from_fn(|a| s[a] + place(*i)[a]));

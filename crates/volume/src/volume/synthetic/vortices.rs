@@ -3,7 +3,7 @@
 //! and a tube rises from the value inside both shells, so no tube has a surface layer of shell values.
 
 use super::field::{P3, ellipsoid, smooth_max, step};
-use super::strand::{Bead, Chunk, chunks, outside};
+use super::strand::{Chunk, StrandPoint, chunks, outside};
 use std::f64::consts::{PI, TAU};
 
 /// Segment names by label.
@@ -26,15 +26,15 @@ const RADIUS: f64 = 0.082;
 const APART: f64 = 0.17;
 
 /// The scene at one time.
-pub(super) struct Frame {
+pub(super) struct VorticesFrame {
     chunks: Vec<Chunk>,
     outer: P3,
     inner: P3,
 }
 
 /// The scene at one time and height: the chunks that reach it.
-pub(super) struct Slice<'a> {
-    frame: &'a Frame,
+pub(super) struct VorticesSlice<'a> {
+    frame: &'a VorticesFrame,
     z: f64,
     chunks: Vec<&'a Chunk>,
 }
@@ -54,7 +54,7 @@ fn turn(p: P3, angle: f64) -> P3 {
 }
 
 /// The point of a strand of tube a (`side` is -1 or 1) at `s` in `[0, 1]`, from its lower end up.
-fn tube_a(s: f64, t: f64, side: f64) -> Bead {
+fn tube_a(s: f64, t: f64, side: f64) -> StrandPoint {
     let shift = side * APART * zip(s, t);
     let x = 0.30 + 0.16 * (PI * s).sin() + 0.05 * (4.0 * s + 2.5 * t).cos() + 0.25 * shift;
     let y = 0.15 * (5.0 * s + 2.0 * t).sin() + 0.97 * shift;
@@ -62,7 +62,7 @@ fn tube_a(s: f64, t: f64, side: f64) -> Bead {
 }
 
 /// The point of a strand of tube b, from its upper end down.
-fn tube_b(s: f64, t: f64, side: f64) -> Bead {
+fn tube_b(s: f64, t: f64, side: f64) -> StrandPoint {
     let open = 1.0 - zip(s, t);
     let shift = side * APART * open;
     let x = -0.31 - 0.15 * (PI * s).sin() + 0.05 * (4.0 * s - 2.0 * t).sin() - 0.25 * shift;
@@ -71,7 +71,7 @@ fn tube_b(s: f64, t: f64, side: f64) -> Bead {
 }
 
 /// The point of an arch near the top (`pole` 1) or the bottom (-1), thinner and shorter as `life` goes to 0.
-fn arch(s: f64, t: f64, pole: f64, life: f64) -> Bead {
+fn arch(s: f64, t: f64, pole: f64, life: f64) -> StrandPoint {
     let along = (s - 0.5) * (0.3 + 0.7 * life);
     let p = [0.64 * along, 0.10 * (7.0 * along + 3.0 * t * pole).sin(), pole * (0.55 - 0.35 * along * along)];
     // a radius below 0 fades the tube out instead of leaving a thread
@@ -79,7 +79,7 @@ fn arch(s: f64, t: f64, pole: f64, life: f64) -> Bead {
 }
 
 /// The point of the ring.
-fn ring(s: f64, t: f64) -> Bead {
+fn ring(s: f64, t: f64) -> StrandPoint {
     let turn = TAU * s;
     let r = 0.30 * (1.0 + 0.10 * (3.0 * turn - 3.0 * t).sin());
     let p = [0.10 * (turn + 4.0 * t).sin(), 0.08 * (TAU * t).sin() + r * turn.cos(), r * turn.sin()];
@@ -87,13 +87,13 @@ fn ring(s: f64, t: f64) -> Bead {
 }
 
 /// Thins a strand towards its ends and lets bulges travel along it.
-fn shape(bead: Bead, s: f64, t: f64) -> Bead {
+fn shape(bead: StrandPoint, s: f64, t: f64) -> StrandPoint {
     let ends = 1.0 - 0.35 * (2.0 * s - 1.0).powi(4);
     let bulge = 1.0 + 0.12 * (12.0 * s - 6.0 * t).sin();
     (bead.0, if bead.1 > 0.0 { bead.1 * ends * bulge } else { bead.1 })
 }
 
-impl Frame {
+impl VorticesFrame {
     pub(super) fn new(t: f64) -> Self {
         let mut frame = Self {
             chunks: Vec::new(),
@@ -114,8 +114,8 @@ impl Frame {
     }
 
     /// Adds a strand in chunks that share their end beads.
-    fn strand(&mut self, tube: usize, t: f64, bead: impl Fn(f64) -> Bead) {
-        let beads: Vec<Bead> = (0..=PIECES)
+    fn strand(&mut self, tube: usize, t: f64, bead: impl Fn(f64) -> StrandPoint) {
+        let beads: Vec<StrandPoint> = (0..=PIECES)
             .map(|i| {
                 let (p, radius) = bead(i as f64 / PIECES as f64);
                 (turn(p, 0.9 * t), radius)
@@ -124,13 +124,13 @@ impl Frame {
         self.chunks.extend(chunks(tube, &beads, CHUNK, FLANK));
     }
 
-    pub(super) fn slice(&self, z: f64) -> Slice<'_> {
+    pub(super) fn slice(&self, z: f64) -> VorticesSlice<'_> {
         let chunks = self.chunks.iter().filter(|chunk| chunk.reaches(z)).collect();
-        Slice { frame: self, z, chunks }
+        VorticesSlice { frame: self, z, chunks }
     }
 }
 
-impl Slice<'_> {
+impl VorticesSlice<'_> {
     /// Value and label at one point of the slice, before the window of the box.
     pub(super) fn at(&self, x: f64, y: f64) -> (f64, u16) {
         let p = [x, y, self.z];

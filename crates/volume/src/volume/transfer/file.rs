@@ -1,4 +1,4 @@
-//! Transfer functions as TOML text: reading, checking and writing. The format is described at [`Document`].
+//! Transfer functions as TOML text: reading, checking and writing. The format is described at [`TransferFile`].
 
 use super::{DEFAULT_UNIT_LENGTH, SegmentRange, Shading, TransferFunction, color, colormap, paraview, slug};
 use crate::volume::error::VolumeError;
@@ -9,7 +9,7 @@ use std::path::Path;
 use toml::Value;
 
 /// Control points of the colours and of the opacity.
-type Points<T> = Vec<(f64, T)>;
+type ControlPoints<T> = Vec<(f64, T)>;
 
 const COLOR_HINT: &str = "\"#rrggbb\" or [r, g, b] in [0, 1]";
 
@@ -17,10 +17,10 @@ const COLOR_HINT: &str = "\"#rrggbb\" or [r, g, b] in [0, 1]";
 /// span of the control points.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Document {
+struct TransferFile {
     name: Option<String>,
     #[serde(default)]
-    units: Units,
+    units: PositionUnits,
     range: Option<[f64; 2]>,
     /// `[position, "#rrggbb"]` or `[position, [r, g, b]]` each; this or `colormap`.
     colors: Option<Vec<Value>>,
@@ -37,7 +37,7 @@ struct Document {
 
 #[derive(Deserialize, Default, Clone, Copy, PartialEq)]
 #[serde(rename_all = "lowercase")]
-enum Units {
+enum PositionUnits {
     #[default]
     Fraction,
     Data,
@@ -61,7 +61,7 @@ pub(super) fn read(path: &Path) -> Result<TransferFunction, VolumeError> {
 pub(super) fn parse(text: &str, path: &Path) -> Result<TransferFunction, VolumeError> {
     let wrong = |field: &str, problem: String, hint: &str| VolumeError::invalid(path, field, problem, hint);
     crate::nesting::check_toml(text).map_err(|e| wrong("TOML", e, "see the transfer functions in configs/"))?;
-    let document: Document = toml::from_str(text).map_err(|e| {
+    let document: TransferFile = toml::from_str(text).map_err(|e| {
         let before = e.span().and_then(|s| text.get(..s.start)).unwrap_or("");
         let line = before.bytes().filter(|b| *b == b'\n').count() + 1;
         wrong(&format!("line {line}"), e.message().replace('\n', " "), "correct the TOML there")
@@ -100,7 +100,7 @@ pub(super) fn parse(text: &str, path: &Path) -> Result<TransferFunction, VolumeE
         shading: document.shading,
         segments,
     };
-    if document.units == Units::Data && !function.opacity.is_empty() {
+    if document.units == PositionUnits::Data && !function.opacity.is_empty() {
         to_fractions(&mut function, path)?;
     }
     // after the change of units: a colour map is always in fractions
@@ -118,7 +118,7 @@ fn points<T>(
     list: &[Value],
     hint: &str,
     value_of: impl Fn(&Value) -> Option<T>,
-) -> Result<Points<T>, VolumeError> {
+) -> Result<ControlPoints<T>, VolumeError> {
     let pair = |(i, entry): (usize, &Value)| {
         let wrong = |problem: String| {
             let hint = format!("write [position, value] with a number and {hint}");
@@ -147,7 +147,7 @@ fn color_of(value: &Value) -> Option<[f32; 3]> {
     }
 }
 
-fn named_colors(name: &str, path: &Path) -> Result<Points<[f32; 3]>, VolumeError> {
+fn named_colors(name: &str, path: &Path) -> Result<ControlPoints<[f32; 3]>, VolumeError> {
     if let Some((file, map)) = paraview::split_spec(name) {
         let beside = path.parent().unwrap_or(Path::new("")).join(file);
         return Ok(paraview::read(&beside, map)?.colors);

@@ -30,7 +30,7 @@ struct Map {
 }
 
 #[derive(Clone, Copy)]
-enum Space {
+enum ParaViewColorSpace {
     Rgb,
     Hsv { wrap: bool },
     Lab,
@@ -129,16 +129,16 @@ fn is_on(value: &Value) -> bool {
     value.as_bool() == Some(true) || value.as_f64().is_some_and(|v| v != 0.0)
 }
 
-fn space_of(map: &Map) -> Option<Space> {
-    let Some(name) = &map.color_space else { return Some(Space::Rgb) };
+fn space_of(map: &Map) -> Option<ParaViewColorSpace> {
+    let Some(name) = &map.color_space else { return Some(ParaViewColorSpace::Rgb) };
     let plain: String = name.chars().filter(char::is_ascii_alphanumeric).collect();
     let wrap = map.hsv_wrap.as_ref().is_some_and(is_on);
     Some(match plain.to_ascii_lowercase().as_str() {
-        "rgb" => Space::Rgb,
-        "hsv" => Space::Hsv { wrap },
-        "lab" | "cielab" | "labciede2000" => Space::Lab,
-        "diverging" => Space::Diverging,
-        "step" => Space::Step,
+        "rgb" => ParaViewColorSpace::Rgb,
+        "hsv" => ParaViewColorSpace::Hsv { wrap },
+        "lab" | "cielab" | "labciede2000" => ParaViewColorSpace::Lab,
+        "diverging" => ParaViewColorSpace::Diverging,
+        "step" => ParaViewColorSpace::Step,
         _ => return None,
     })
 }
@@ -177,20 +177,20 @@ fn opacity(points: &[(f64, [f64; 3])]) -> Vec<(f64, f32)> {
 }
 
 /// Control points that, mixed in RGB, follow the mix of `points` in `space`.
-fn resampled(points: &[(f64, [f64; 3])], space: Space) -> Vec<(f64, [f32; 3])> {
+fn resampled(points: &[(f64, [f64; 3])], space: ParaViewColorSpace) -> Vec<(f64, [f32; 3])> {
     let plain = |rgb: [f64; 3]| rgb.map(|v| v as f32);
     let mut out = vec![(points[0].0, plain(points[0].1))];
     for pair in points.windows(2) {
         let [(from, a), (to, b)] = [pair[0], pair[1]];
         let mix = |t: f64| match space {
-            Space::Hsv { wrap } => color::mix_hsv(a, b, t, wrap),
-            Space::Lab => color::mix_lab(a, b, t),
+            ParaViewColorSpace::Hsv { wrap } => color::mix_hsv(a, b, t, wrap),
+            ParaViewColorSpace::Lab => color::mix_lab(a, b, t),
             _ => color::mix_diverging(a, b, t),
         };
         match space {
-            Space::Rgb => {}
+            ParaViewColorSpace::Rgb => {}
             // An interval has the colour of its upper end.
-            Space::Step => out.push((from, plain(b))),
+            ParaViewColorSpace::Step => out.push((from, plain(b))),
             _ if to > from => {
                 // by width, but enough in each interval, and an even number for the white in the middle
                 let pieces = ((PIECES as f64 * (to - from)).ceil() as usize).max(PIECES.div_ceil(points.len() - 1));

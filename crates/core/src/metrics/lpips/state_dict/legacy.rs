@@ -2,7 +2,7 @@
 //! then each storage as a count and its values.
 
 use super::pickle::{self, Pickle};
-use super::{Place, Result, bytes_at, damaged, places, unsupported};
+use super::{Result, TensorLocation, bytes_at, damaged, places, unsupported};
 use std::collections::{BTreeMap, HashMap};
 use std::io::{Read, Seek};
 
@@ -12,7 +12,11 @@ pub(super) const MAGIC: &[u8] = b"\x80\x02\x8a\x0al\xfc\x9cF\xf9 j\xa8P\x19.";
 const COUNT: u64 = 8;
 
 /// The tensors of a file of `length` bytes that starts with `head`.
-pub(super) fn tensors(file: &mut (impl Read + Seek), head: &[u8], length: u64) -> Result<BTreeMap<String, Place>> {
+pub(super) fn tensors(
+    file: &mut (impl Read + Seek),
+    head: &[u8],
+    length: u64,
+) -> Result<BTreeMap<String, TensorLocation>> {
     let mut at = MAGIC.len();
     let mut next = || -> Result<Pickle<'_>> {
         let pickle = pickle::read(&head[at..])?;

@@ -77,12 +77,12 @@ fn unsupported<T>(what: impl Into<String>) -> Result<T> {
 
 /// The storage type of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
+enum StorageKind {
     Single,
     Half,
 }
 
-impl Kind {
+impl StorageKind {
     fn size(self) -> u64 {
         match self {
             Self::Single => 4,
@@ -93,8 +93,8 @@ impl Kind {
 
 /// The location of a tensor in the file. Its bytes are within the file.
 #[derive(Clone, Debug)]
-struct Place {
-    kind: Kind,
+struct TensorLocation {
+    kind: StorageKind,
     shape: Vec<usize>,
     at: u64,
     /// The checksum of these bytes, if the file has one for exactly this range.
@@ -105,7 +105,7 @@ struct Place {
 #[derive(Debug)]
 pub(super) struct StateDict<F> {
     file: F,
-    tensors: BTreeMap<String, Place>,
+    tensors: BTreeMap<String, TensorLocation>,
 }
 
 impl StateDict<File> {
@@ -156,8 +156,8 @@ impl<F: Read + Seek> StateDict<F> {
             return damaged(format!("the checksum of `{key}` is wrong"));
         }
         let values: Vec<f32> = match place.kind {
-            Kind::Single => bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect(),
-            Kind::Half => bytes.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b).to_f32()).collect(),
+            StorageKind::Single => bytes.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect(),
+            StorageKind::Half => bytes.as_chunks().0.iter().map(|b| f16::from_le_bytes(*b).to_f32()).collect(),
         };
         if !values.iter().all(|v| v.is_finite()) {
             return Err(StateDictError::NotFinite(key.into()));
@@ -191,7 +191,7 @@ fn checksum(bytes: &[u8]) -> u32 {
 fn places<'a>(
     tensors: BTreeMap<String, TorchTensor<'a>>,
     storage: impl Fn(&TorchTensor<'a>) -> Result<(u64, u64, Option<u32>)>,
-) -> Result<BTreeMap<String, Place>> {
+) -> Result<BTreeMap<String, TensorLocation>> {
     let place = |(key, tensor): (String, TorchTensor<'a>)| {
         let (start, length, crc) = storage(&tensor)?;
         let size = tensor.kind.size();
@@ -204,13 +204,13 @@ fn places<'a>(
         let whole = elements(&tensor.shape) == Some(tensor.storage.count);
         // the pickle reader has checked that the tensor lies within the storage
         let at = start + tensor.offset * size;
-        Ok((key, Place { kind: tensor.kind, shape: tensor.shape, at, crc: crc.filter(|_| whole) }))
+        Ok((key, TensorLocation { kind: tensor.kind, shape: tensor.shape, at, crc: crc.filter(|_| whole) }))
     };
     tensors.into_iter().map(place).collect()
 }
 
 /// The tensors of a safetensors file; types other than F32 and F16 are omitted.
-fn safetensors(head: &[u8], length: u64) -> Result<BTreeMap<String, Place>> {
+fn safetensors(head: &[u8], length: u64) -> Result<BTreeMap<String, TensorLocation>> {
     const PREFIX: usize = 8;
     let cut = || StateDictError::Damaged("its header is longer than the file, or than 1 MiB".into());
     let (size, rest) = head.split_first_chunk::<PREFIX>().ok_or_else(cut)?;
@@ -227,14 +227,14 @@ fn safetensors(head: &[u8], length: u64) -> Result<BTreeMap<String, Place>> {
             return outside();
         }
         let kind = match info.dtype {
-            Dtype::F32 => Kind::Single,
-            Dtype::F16 => Kind::Half,
+            Dtype::F32 => StorageKind::Single,
+            Dtype::F16 => StorageKind::Half,
             _ => continue,
         };
         if end.checked_sub(start) != elements(&info.shape).map(|n| n * kind.size()) {
             return outside();
         }
-        places.insert(key, Place { kind, shape: info.shape.clone(), at: data + start, crc: None });
+        places.insert(key, TensorLocation { kind, shape: info.shape.clone(), at: data + start, crc: None });
     }
     Ok(places)
 }

@@ -4,8 +4,8 @@
 //! Values are nodes of one list and refer to each other by number, so nothing is copied and nothing is traversed deeper
 //! than the tables require; a pickle makes at most one node per instruction.
 
-use super::torch::{Name, Storage, TorchTensor};
-use super::{Kind, Result, StateDictError, damaged, unsupported};
+use super::torch::{Storage, TorchName, TorchTensor};
+use super::{Result, StateDictError, StorageKind, damaged, unsupported};
 use std::collections::{BTreeMap, HashMap};
 
 /// Index of a node.
@@ -13,17 +13,17 @@ pub(super) type Id = usize;
 
 /// A value.
 #[derive(Clone, Debug)]
-pub(super) enum Node<'a> {
+pub(super) enum PickleValue<'a> {
     Nothing,
     Flag(bool),
     Int(i64),
     Text(&'a str),
-    Name(Name),
+    Name(TorchName),
     Items(Vec<Id>),
     Pairs(Vec<(Id, Id)>),
     /// A view of a storage, from element `first` up to, but not including, element `end`.
     Storage {
-        kind: Kind,
+        kind: StorageKind,
         storage: Storage<'a>,
         first: u64,
         end: u64,
@@ -33,7 +33,7 @@ pub(super) enum Node<'a> {
 
 /// A parsed pickle.
 pub(super) struct Pickle<'a> {
-    nodes: Vec<Node<'a>>,
+    nodes: Vec<PickleValue<'a>>,
     root: Id,
     /// Its length in bytes.
     pub length: usize,
@@ -51,7 +51,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Pickle<'_>> {
 impl<'a> Pickle<'a> {
     fn pairs(&self) -> &[(Id, Id)] {
         match &self.nodes[self.root] {
-            Node::Pairs(pairs) => pairs,
+            PickleValue::Pairs(pairs) => pairs,
             _ => &[],
         }
     }
@@ -59,7 +59,7 @@ impl<'a> Pickle<'a> {
     /// The tensors of a dictionary; other entries are omitted.
     pub(super) fn tensors(&self) -> BTreeMap<String, TorchTensor<'a>> {
         let tensor = |(key, value): &(Id, Id)| match (&self.nodes[*key], &self.nodes[*value]) {
-            (Node::Text(key), Node::Tensor(tensor)) => Some(((*key).to_owned(), tensor.clone())),
+            (PickleValue::Text(key), PickleValue::Tensor(tensor)) => Some(((*key).to_owned(), tensor.clone())),
             _ => None,
         };
         self.pairs().iter().filter_map(tensor).collect()
@@ -68,15 +68,15 @@ impl<'a> Pickle<'a> {
     /// A flag in a dictionary.
     pub(super) fn flag(&self, key: &str) -> Option<bool> {
         self.pairs().iter().find_map(|(k, value)| match (&self.nodes[*k], &self.nodes[*value]) {
-            (Node::Text(k), Node::Flag(flag)) if *k == key => Some(*flag),
+            (PickleValue::Text(k), PickleValue::Flag(flag)) if *k == key => Some(*flag),
             _ => None,
         })
     }
 
     /// The strings of a list of strings.
     pub(super) fn texts(&self) -> Option<Vec<&'a str>> {
-        let Node::Items(items) = &self.nodes[self.root] else { return None };
-        let text = |id: &Id| if let Node::Text(text) = &self.nodes[*id] { Some(*text) } else { None };
+        let PickleValue::Items(items) = &self.nodes[self.root] else { return None };
+        let text = |id: &Id| if let PickleValue::Text(text) = &self.nodes[*id] { Some(*text) } else { None };
         items.iter().map(text).collect()
     }
 }
@@ -85,7 +85,7 @@ impl<'a> Pickle<'a> {
 pub(super) struct Machine<'a> {
     pub bytes: &'a [u8],
     at: usize,
-    pub nodes: Vec<Node<'a>>,
+    pub nodes: Vec<PickleValue<'a>>,
     pub stack: Vec<Id>,
     /// Heights of the stack at the open marks.
     marks: Vec<usize>,
@@ -107,20 +107,20 @@ impl<'a> Machine<'a> {
             }
             b'.' => return Ok(false),
             b'(' => self.marks.push(self.stack.len()),
-            b'N' => self.push(Node::Nothing),
-            0x88 => self.push(Node::Flag(true)),
-            0x89 => self.push(Node::Flag(false)),
+            b'N' => self.push(PickleValue::Nothing),
+            0x88 => self.push(PickleValue::Flag(true)),
+            0x89 => self.push(PickleValue::Flag(false)),
             b'J' => {
                 let value = i32::from_le_bytes(self.array()?);
-                self.push(Node::Int(value.into()));
+                self.push(PickleValue::Int(value.into()));
             }
             b'K' => {
                 let [value] = self.array()?;
-                self.push(Node::Int(value.into()));
+                self.push(PickleValue::Int(value.into()));
             }
             b'M' => {
                 let value = u16::from_le_bytes(self.array()?);
-                self.push(Node::Int(value.into()));
+                self.push(PickleValue::Int(value.into()));
             }
             0x8a => {
                 let [length] = self.array()?;
@@ -136,19 +136,19 @@ impl<'a> Machine<'a> {
             }
             b'c' => {
                 let (module, name) = (self.line()?, self.line()?);
-                self.push(Node::Name(Name::of(module, name)?));
+                self.push(PickleValue::Name(TorchName::of(module, name)?));
             }
-            b')' | b']' => self.push(Node::Items(Vec::new())),
-            b'}' => self.push(Node::Pairs(Vec::new())),
+            b')' | b']' => self.push(PickleValue::Items(Vec::new())),
+            b'}' => self.push(PickleValue::Pairs(Vec::new())),
             b't' => {
                 let items = self.above_mark()?;
-                self.push(Node::Items(items));
+                self.push(PickleValue::Items(items));
             }
             0x85..=0x87 => {
                 let count = usize::from(instruction - 0x84);
                 let mut items = (0..count).map(|_| self.pop()).collect::<Result<Vec<_>>>()?;
                 items.reverse();
-                self.push(Node::Items(items));
+                self.push(PickleValue::Items(items));
             }
             b'a' => {
                 let item = self.pop()?;
@@ -196,7 +196,7 @@ impl<'a> Machine<'a> {
             b'b' => {
                 self.pop()?;
                 let object = self.top()?;
-                if !matches!(self.nodes[object], Node::Pairs(_)) {
+                if !matches!(self.nodes[object], PickleValue::Pairs(_)) {
                     return unsupported("it builds an object that is not a dictionary");
                 }
             }
@@ -228,7 +228,7 @@ impl<'a> Machine<'a> {
 
     fn text(&mut self, length: usize) -> Result<()> {
         let text = utf8(self.take(length)?)?;
-        self.push(Node::Text(text));
+        self.push(PickleValue::Text(text));
         Ok(())
     }
 
@@ -241,11 +241,11 @@ impl<'a> Machine<'a> {
         let negative = bytes.last().is_some_and(|b| b & 0x80 != 0);
         let mut wide = [if negative { 0xff } else { 0 }; 8];
         wide[..length].copy_from_slice(bytes);
-        self.push(Node::Int(i64::from_le_bytes(wide)));
+        self.push(PickleValue::Int(i64::from_le_bytes(wide)));
         Ok(())
     }
 
-    pub(super) fn push(&mut self, node: Node<'a>) {
+    pub(super) fn push(&mut self, node: PickleValue<'a>) {
         self.stack.push(self.nodes.len());
         self.nodes.push(node);
     }
@@ -274,7 +274,7 @@ impl<'a> Machine<'a> {
     fn append(&mut self, items: Vec<Id>) -> Result<()> {
         let list = self.top()?;
         match &mut self.nodes[list] {
-            Node::Items(all) => all.extend(items),
+            PickleValue::Items(all) => all.extend(items),
             _ => return damaged("its description adds to something that is not a list"),
         }
         Ok(())
@@ -284,7 +284,7 @@ impl<'a> Machine<'a> {
         let dictionary = self.top()?;
         let (pairs, rest) = items.as_chunks::<2>();
         match &mut self.nodes[dictionary] {
-            Node::Pairs(all) if rest.is_empty() => all.extend(pairs.iter().map(|[key, value]| (*key, *value))),
+            PickleValue::Pairs(all) if rest.is_empty() => all.extend(pairs.iter().map(|[key, value]| (*key, *value))),
             _ => return damaged("its description adds to something that is not a dictionary"),
         }
         Ok(())
@@ -306,14 +306,14 @@ impl<'a> Machine<'a> {
 
     pub(super) fn items(&self, id: Id) -> &[Id] {
         match &self.nodes[id] {
-            Node::Items(items) => items,
+            PickleValue::Items(items) => items,
             _ => &[],
         }
     }
 
     pub(super) fn count(&self, id: Id) -> Option<u64> {
         match &self.nodes[id] {
-            Node::Int(value) => u64::try_from(*value).ok(),
+            PickleValue::Int(value) => u64::try_from(*value).ok(),
             _ => None,
         }
     }

@@ -1,28 +1,28 @@
 //! The PyTorch functions and classes named by state dicts, and what they create. Nothing else can be called.
 
-use super::pickle::{Id, Machine, Node};
-use super::{Kind, Result, StateDictError, damaged, elements, unsupported};
+use super::pickle::{Id, Machine, PickleValue};
+use super::{Result, StateDictError, StorageKind, damaged, elements, unsupported};
 
 /// Maximum number of dimensions of a tensor.
 const RANK: usize = 8;
 
 /// The functions and classes named by state dicts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Name {
+pub(super) enum TorchName {
     OrderedDict,
     RebuildTensor,
     RebuildParameter,
-    Storage(Kind),
+    Storage(StorageKind),
 }
 
-impl Name {
+impl TorchName {
     pub(super) fn of(module: &str, name: &str) -> Result<Self> {
         Ok(match (module, name) {
             ("collections", "OrderedDict") => Self::OrderedDict,
             ("torch._utils", "_rebuild_tensor" | "_rebuild_tensor_v2") => Self::RebuildTensor,
             ("torch._utils", "_rebuild_parameter") => Self::RebuildParameter,
-            ("torch", "FloatStorage") => Self::Storage(Kind::Single),
-            ("torch", "HalfStorage") => Self::Storage(Kind::Half),
+            ("torch", "FloatStorage") => Self::Storage(StorageKind::Single),
+            ("torch", "HalfStorage") => Self::Storage(StorageKind::Half),
             _ => return unsupported(format!("it refers to {module}.{name}, which is not supported")),
         })
     }
@@ -38,7 +38,7 @@ pub(super) struct Storage<'a> {
 /// A tensor as described by a pickle; it lies within the storage, in row-major order.
 #[derive(Clone, Debug)]
 pub(super) struct TorchTensor<'a> {
-    pub kind: Kind,
+    pub kind: StorageKind,
     pub storage: Storage<'a>,
     /// Number of elements before its first.
     pub offset: u64,
@@ -47,7 +47,7 @@ pub(super) struct TorchTensor<'a> {
 
 impl<'a> Machine<'a> {
     /// Parses `('storage', type, key, device, count[, (view, first, count)])`.
-    pub(super) fn storage(&self, id: Id) -> Result<Node<'a>> {
+    pub(super) fn storage(&self, id: Id) -> Result<PickleValue<'a>> {
         let items = self.items(id);
         let found = match items {
             [tag, kind, key, _device, count, view @ ..] => self.storage_of([*tag, *kind, *key, *count], view.first()),
@@ -56,8 +56,8 @@ impl<'a> Machine<'a> {
         found.ok_or_else(|| StateDictError::Damaged("the description of a storage is invalid".into()))
     }
 
-    fn storage_of(&self, [tag, kind, key, count]: [Id; 4], view: Option<&Id>) -> Option<Node<'a>> {
-        let (Node::Text("storage"), Node::Name(Name::Storage(kind)), Node::Text(key)) =
+    fn storage_of(&self, [tag, kind, key, count]: [Id; 4], view: Option<&Id>) -> Option<PickleValue<'a>> {
+        let (PickleValue::Text("storage"), PickleValue::Name(TorchName::Storage(kind)), PickleValue::Text(key)) =
             (&self.nodes[tag], &self.nodes[kind], &self.nodes[key])
         else {
             return None;
@@ -65,38 +65,40 @@ impl<'a> Machine<'a> {
         // so that its bytes can be counted
         let count = self.count(count).filter(|n| *n < 1 << 60)?;
         let (first, end) = match view.map(|v| &self.nodes[*v]) {
-            None | Some(Node::Nothing) => (0, count),
-            Some(Node::Items(view)) => {
+            None | Some(PickleValue::Nothing) => (0, count),
+            Some(PickleValue::Items(view)) => {
                 let [_, first, size] = view.as_slice() else { return None };
                 let first = self.count(*first)?;
                 (first, first.checked_add(self.count(*size)?).filter(|end| *end <= count)?)
             }
             Some(_) => return None,
         };
-        Some(Node::Storage { kind: *kind, storage: Storage { key, count }, first, end })
+        Some(PickleValue::Storage { kind: *kind, storage: Storage { key, count }, first, end })
     }
 
     pub(super) fn call(&mut self, function: Id, arguments: Id) -> Result<()> {
-        let Node::Name(name) = self.nodes[function] else { return damaged("it calls a value that is not a function") };
+        let PickleValue::Name(name) = self.nodes[function] else {
+            return damaged("it calls a value that is not a function");
+        };
         let node = match name {
-            Name::OrderedDict => self.ordered(arguments),
-            Name::RebuildTensor => self.tensor(arguments).map(Node::Tensor),
-            Name::RebuildParameter => {
+            TorchName::OrderedDict => self.ordered(arguments),
+            TorchName::RebuildTensor => self.tensor(arguments).map(PickleValue::Tensor),
+            TorchName::RebuildParameter => {
                 let Some(tensor) = self.items(arguments).first().copied() else {
                     return damaged("the description of a parameter is invalid");
                 };
                 self.stack.push(tensor);
                 return Ok(());
             }
-            Name::Storage(_) => return unsupported("it creates a storage of its own"),
+            TorchName::Storage(_) => return unsupported("it creates a storage of its own"),
         };
         self.push(node?);
         Ok(())
     }
 
     /// Evaluates `OrderedDict()` or `OrderedDict([[key, value], ...])`.
-    fn ordered(&mut self, arguments: Id) -> Result<Node<'a>> {
-        let Some(list) = self.items(arguments).first().copied() else { return Ok(Node::Pairs(Vec::new())) };
+    fn ordered(&mut self, arguments: Id) -> Result<PickleValue<'a>> {
+        let Some(list) = self.items(arguments).first().copied() else { return Ok(PickleValue::Pairs(Vec::new())) };
         self.copied += self.items(list).len();
         if self.copied > self.bytes.len() {
             return damaged("its description copies the same dictionary again and again");
@@ -105,14 +107,14 @@ impl<'a> Machine<'a> {
             [key, value] => Ok((*key, *value)),
             _ => damaged("the description of a dictionary is invalid"),
         };
-        Ok(Node::Pairs(self.items(list).iter().map(pair).collect::<Result<_>>()?))
+        Ok(PickleValue::Pairs(self.items(list).iter().map(pair).collect::<Result<_>>()?))
     }
 
     /// Parses `(storage, offset, shape, strides, ...)`.
     fn tensor(&self, arguments: Id) -> Result<TorchTensor<'a>> {
         let wrong = || StateDictError::Damaged("the description of a tensor is invalid".into());
         let [storage, offset, shape, strides, ..] = *self.items(arguments) else { return Err(wrong()) };
-        let Node::Storage { kind, storage, first, end } = self.nodes[storage] else { return Err(wrong()) };
+        let PickleValue::Storage { kind, storage, first, end } = self.nodes[storage] else { return Err(wrong()) };
         if self.items(shape).len().max(self.items(strides).len()) > RANK {
             return unsupported(format!("a tensor of {} dimensions", self.items(shape).len()));
         }

@@ -1,7 +1,9 @@
 //! The container of `torch.save` since PyTorch 1.6: a zip archive, never compressed, with the pickle in `NAME/data.pkl`
 //! and each storage in `NAME/data/KEY`.
 
-use super::{DESCRIPTION, Place, Result, StateDictError, bytes_at, checksum, damaged, pickle, places, unsupported};
+use super::{
+    DESCRIPTION, Result, StateDictError, TensorLocation, bytes_at, checksum, damaged, pickle, places, unsupported,
+};
 use rawzip::{CompressionMethod, ErrorKind, RECOMMENDED_BUFFER_SIZE, ZipArchive};
 use std::collections::{BTreeMap, HashMap};
 use std::io::{self, Read, Seek};
@@ -11,14 +13,14 @@ pub(super) const LOCAL: &[u8] = b"PK\x03\x04";
 
 /// The position of a stored entry's bytes.
 #[derive(Clone, Copy, Debug)]
-struct Entry {
+struct ZipEntry {
     at: u64,
     length: u64,
     crc: u32,
 }
 
 /// The tensors of an archive of `length` bytes.
-pub(super) fn tensors(file: &mut (impl Read + Seek), length: u64) -> Result<BTreeMap<String, Place>> {
+pub(super) fn tensors(file: &mut (impl Read + Seek), length: u64) -> Result<BTreeMap<String, TensorLocation>> {
     let entries = directory(file, length)?;
     let name = "data.pkl";
     let pickles = entries.iter().filter_map(|(n, e)| Some((n.strip_suffix(name)?, e)));
@@ -57,7 +59,7 @@ fn unreadable(error: rawzip::Error) -> StateDictError {
 }
 
 /// All entries by name, each within the file.
-fn directory(file: &mut (impl Read + Seek), length: u64) -> Result<HashMap<String, Entry>> {
+fn directory(file: &mut (impl Read + Seek), length: u64) -> Result<HashMap<String, ZipEntry>> {
     let mut buffer = vec![0; RECOMMENDED_BUFFER_SIZE];
     let archive = ZipArchive::from_seekable(file, &mut buffer).map_err(unreadable)?;
     let size = archive.eocd_offset().saturating_sub(archive.directory_offset());
@@ -78,7 +80,7 @@ fn directory(file: &mut (impl Read + Seek), length: u64) -> Result<HashMap<Strin
         if size != record.compressed_size_hint() || end > length {
             return Err(cut());
         }
-        entries.insert(name, Entry { at, length: size, crc: record.crc32() });
+        entries.insert(name, ZipEntry { at, length: size, crc: record.crc32() });
     }
     Ok(entries)
 }

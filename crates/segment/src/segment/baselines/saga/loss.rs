@@ -19,12 +19,12 @@ const MIN_LENGTH: f32 = 1e-12;
 
 /// The scale gate: a factor for each channel that depends on the scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Gate {
+pub(super) struct ScaleGate {
     pub(super) weight: Feature,
     pub(super) bias: Feature,
 }
 
-impl Gate {
+impl ScaleGate {
     const ZERO: Self = Self { weight: [0.0; FEATURES], bias: [0.0; FEATURES] };
 
     /// Returns the factors, in (0, 1), at `scale`.
@@ -78,7 +78,7 @@ impl Facts {
 
 /// Which of P pixels belong together at which scale, and how much each pair counts.
 #[derive(Clone, Debug)]
-pub(super) struct Pixels {
+pub(super) struct PixelPairs {
     /// Index of each pixel's list of masks among the L distinct ones, `[P]`.
     lists: Vec<u32>,
     /// The scale above which two lists share a mask, `[L, L]`.
@@ -87,7 +87,7 @@ pub(super) struct Pixels {
     inverse: Vec<f32>,
 }
 
-impl Pixels {
+impl PixelPairs {
     /// Collects the data of the pixels `chosen` of `view`.
     pub(super) fn new(view: &FineView, facts: &Facts, chosen: &[usize]) -> Self {
         let mut numbers: HashMap<&[u32], u32> = HashMap::new();
@@ -131,7 +131,7 @@ impl Pixels {
 
 /// Which pairs count.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Rule {
+pub(super) struct PairRule {
     /// Pairs that should be similar are hard below this cosine.
     pub(super) alike: f32,
     /// Pairs that should differ are hard above this cosine.
@@ -140,7 +140,7 @@ pub(super) struct Rule {
     pub(super) turn: usize,
 }
 
-impl Rule {
+impl PairRule {
     /// Of the pairs that are easy and the same at all scales, one in this many counts.
     pub(super) const TURNS: usize = 8;
 }
@@ -151,12 +151,18 @@ pub(super) struct Loss {
     pub(super) loss: f64,
     /// With respect to the given features, `[P, 32]`.
     pub(super) features: Vec<f32>,
-    pub(super) gate: Gate,
+    pub(super) gate: ScaleGate,
 }
 
 /// Computes the loss of the rendered `features` `[P, 32]`: the mean over all pairs at all `scales` (ascending), plus
 /// the mean of `(1 - |F|)^2` over the pixels. Features shorter than [`MIN_LENGTH`] count as 0 and get no gradient.
-pub(super) fn contrast(features: &[f32], pixels: &Pixels, scales: &[f32], gate: &Gate, rule: Rule) -> Loss {
+pub(super) fn contrast(
+    features: &[f32],
+    pixels: &PixelPairs,
+    scales: &[f32],
+    gate: &ScaleGate,
+    rule: PairRule,
+) -> Loss {
     let (p, s) = (pixels.len(), scales.len());
     let gates: Vec<Feature> = scales.iter().map(|&scale| gate.at(scale)).collect();
     let rendered: Vec<Feature> = features.chunks_exact(FEATURES).map(|f| std::array::from_fn(|k| f[k])).collect();
@@ -187,7 +193,7 @@ pub(super) fn contrast(features: &[f32], pixels: &Pixels, scales: &[f32], gate: 
                         let alike = scale > from;
                         let hard = if alike { cosine < rule.alike } else { cosine > rule.apart };
                         let changes = first <= from && from < last;
-                        let counts = hard || changes || (i + j) % Rule::TURNS == rule.turn;
+                        let counts = hard || changes || (i + j) % PairRule::TURNS == rule.turn;
                         if i == j || !counts || !(alike || cosine > 0.0) {
                             continue;
                         }
@@ -209,7 +215,7 @@ pub(super) fn contrast(features: &[f32], pixels: &Pixels, scales: &[f32], gate: 
             (loss / f64::from(pairs), by_feature, by_gate)
         })
         .collect();
-    let mut out = Loss { loss: 0.0, features: Vec::with_capacity(features.len()), gate: Gate::ZERO };
+    let mut out = Loss { loss: 0.0, features: Vec::with_capacity(features.len()), gate: ScaleGate::ZERO };
     for (loss, by_feature, by_gate) in parts {
         out.loss += loss;
         out.features.extend(by_feature.iter().flatten());

@@ -1,6 +1,6 @@
 //! The trained model: smoothed features and the gate, and what a click selects with them.
 
-use super::loss::{FEATURES, Feature, Gate, dot, unit};
+use super::loss::{FEATURES, Feature, ScaleGate, dot, unit};
 use super::smooth::{directions, means_of, with_neighbours};
 use crate::points::nearest_rows::NearestRows;
 use rayon::prelude::*;
@@ -10,14 +10,14 @@ use rayon::prelude::*;
 pub struct SagaModel {
     /// Unit features, smoothed over all neighbours, `[N]`.
     features: Vec<Feature>,
-    gate: Gate,
+    gate: ScaleGate,
     /// Whether each Gaussian has a finite position, `[N]`.
     placed: Vec<bool>,
 }
 
 impl SagaModel {
     /// Builds the model from unit features `[N, 32]` before smoothing and the `neighbours` `[N, per - 1]` to average over.
-    pub(super) fn new(own: &[f32], (neighbours, per): (&NearestRows, usize), gate: Gate, means: &[f32]) -> Self {
+    pub(super) fn new(own: &[f32], (neighbours, per): (&NearestRows, usize), gate: ScaleGate, means: &[f32]) -> Self {
         let near = (0..means.len() as u32 / 3).flat_map(|i| with_neighbours(neighbours, i)).collect();
         let smooth = means_of(near, per).gather(own, FEATURES);
         let features = directions(&smooth).into_iter().map(|row| row.0).collect();

@@ -1,11 +1,11 @@
 //! One training step: choice of pixels, scales and neighbours; loss and gradients; Adam on the Gaussians touched.
 
-use super::loss::{FEATURES, Facts, Feature, Gate, Loss, Pixels, Rule, contrast, through_unit, unit};
+use super::loss::{FEATURES, Facts, Feature, Loss, PairRule, PixelPairs, ScaleGate, contrast, through_unit, unit};
 use super::model::SagaModel;
 use super::smooth::{directions, flat, means_of, with_neighbours};
 use super::{SagaError, SagaOptions};
 use crate::points::nearest_rows::NearestRows;
-use crate::points::neighbours::Grid;
+use crate::points::neighbours::NeighbourGrid;
 use crate::rng::{Purpose, Rng};
 use crate::segment::fine::views::FineView;
 use rayon::prelude::*;
@@ -20,14 +20,14 @@ const NOWHERE: u32 = u32::MAX;
 
 /// A vector of parameters with its Adam moments.
 #[derive(Clone, Debug)]
-pub(super) struct Parameter {
+pub(super) struct SagaParameter {
     pub(super) value: Feature,
     first: Feature,
     second: Feature,
     steps: i32,
 }
 
-impl Parameter {
+impl SagaParameter {
     fn new(value: Feature) -> Self {
         Self { value, first: [0.0; FEATURES], second: [0.0; FEATURES], steps: 0 }
     }
@@ -45,29 +45,29 @@ impl Parameter {
 }
 
 /// The data of one step.
-pub(super) struct Batch {
+pub(super) struct SagaBatch {
     /// Pixels and the T Gaussians that contribute to them, renumbered from 0.
     rows: Contributors,
     /// Averaging matrix from the features of S sources to those of the T Gaussians, `[T, S]`.
     smoothing: Contributors,
     /// Indices of the source Gaussians, `[S]`.
     pub(super) sources: Vec<u32>,
-    pixels: Pixels,
+    pixels: PixelPairs,
     /// Ascending.
     scales: Vec<f32>,
-    rule: Rule,
+    rule: PairRule,
 }
 
 /// A step's loss and gradients.
-pub(super) struct Slopes {
+pub(super) struct SagaGradients {
     pub(super) loss: f64,
     /// With respect to the features of the sources, `[S]`.
     pub(super) sources: Vec<Feature>,
-    pub(super) gate: Gate,
+    pub(super) gate: ScaleGate,
 }
 
 /// Parameters and their training data.
-pub(super) struct Trainer<'a> {
+pub(super) struct SagaTrainer<'a> {
     views: &'a [FineView],
     facts: Vec<Facts>,
     options: SagaOptions,
@@ -75,28 +75,28 @@ pub(super) struct Trainer<'a> {
     neighbours: NearestRows,
     /// Their number, with the Gaussian itself.
     per: usize,
-    pub(super) features: Vec<Parameter>,
-    pub(super) gate: [Parameter; 2],
+    pub(super) features: Vec<SagaParameter>,
+    pub(super) gate: [SagaParameter; 2],
     /// Position of each Gaussian among the sources of the current step, `[N]`.
     place: Vec<u32>,
 }
 
-impl<'a> Trainer<'a> {
+impl<'a> SagaTrainer<'a> {
     pub(super) fn new(views: &'a [FineView], means: &[f32], options: &SagaOptions) -> Result<Self, SagaError> {
         let per = options.neighbours.max(1);
-        let neighbours = Grid::adaptive(means)?.nearest_of_each(per - 1);
+        let neighbours = NeighbourGrid::adaptive(means)?.nearest_of_each(per - 1);
         let n = means.len() / 3;
         let shown = views.iter().flat_map(|v| &v.globals).max();
         assert!(shown.is_none_or(|&g| (g as usize) < n), "a view shows Gaussian {shown:?}, but there are only {n}");
         let mut rng = Rng::new(options.seed, 0, Purpose::GaussianFeatures);
-        let features = (0..n).map(|_| Parameter::new(unit(std::array::from_fn(|_| rng.normal())).0)).collect();
-        let gate = [0; 2].map(|_| Parameter::new(std::array::from_fn(|_| 2.0 * rng.uniform() - 1.0)));
+        let features = (0..n).map(|_| SagaParameter::new(unit(std::array::from_fn(|_| rng.normal())).0)).collect();
+        let gate = [0; 2].map(|_| SagaParameter::new(std::array::from_fn(|_| 2.0 * rng.uniform() - 1.0)));
         let facts = views.iter().map(Facts::of).collect();
         Ok(Self { views, facts, options: *options, neighbours, per, features, gate, place: vec![NOWHERE; n] })
     }
 
     /// Draws the pixels, scales and neighbours of a step on view `v`.
-    pub(super) fn batch(&mut self, v: usize, rng: &mut Rng) -> Batch {
+    pub(super) fn batch(&mut self, v: usize, rng: &mut Rng) -> SagaBatch {
         let (view, facts, options) = (&self.views[v], &self.facts[v], &self.options);
         let chosen = view.draw(options.pixels, rng);
         // the largest scale is always included
@@ -122,19 +122,19 @@ impl<'a> Trainer<'a> {
             indices.extend(columns.iter().map(|&c| number(&mut self.place, &mut sources, near[c])));
         }
         sources.iter().for_each(|&i| self.place[i as usize] = NOWHERE);
-        let rule = Rule { alike: options.hard_alike, apart: options.hard_apart, turn: rng.below(Rule::TURNS) };
-        Batch {
+        let rule = PairRule { alike: options.hard_alike, apart: options.hard_apart, turn: rng.below(PairRule::TURNS) };
+        SagaBatch {
             rows,
             smoothing: means_of(indices, kept),
             sources,
-            pixels: Pixels::new(view, facts, &chosen),
+            pixels: PixelPairs::new(view, facts, &chosen),
             scales,
             rule,
         }
     }
 
     /// Returns the loss of a batch and its gradients.
-    pub(super) fn loss(&self, batch: &Batch) -> Slopes {
+    pub(super) fn loss(&self, batch: &SagaBatch) -> SagaGradients {
         let own: Vec<(Feature, f32)> =
             batch.sources.par_iter().map(|&i| unit(self.features[i as usize].value)).collect();
         let smooth = directions(&batch.smoothing.gather(&flat(&own), FEATURES));
@@ -144,11 +144,11 @@ impl<'a> Trainer<'a> {
         let by_smooth = back(&batch.rows.scatter(&features, smooth.len(), FEATURES), &smooth);
         let by_smooth: Vec<f32> = by_smooth.into_iter().flatten().collect();
         let sources = back(&batch.smoothing.scatter(&by_smooth, own.len(), FEATURES), &own);
-        Slopes { loss, sources, gate }
+        SagaGradients { loss, sources, gate }
     }
 
     /// Updates the features that `batch` touched, and the gate.
-    pub(super) fn step(&mut self, batch: &Batch, slopes: &Slopes) {
+    pub(super) fn step(&mut self, batch: &SagaBatch, slopes: &SagaGradients) {
         let rate = self.options.rate;
         batch.sources.iter().zip(0..).for_each(|(&i, s)| self.place[i as usize] = s);
         self.features.par_iter_mut().zip(&self.place).filter(|(_, s)| **s != NOWHERE).for_each(|(feature, &s)| {
@@ -165,8 +165,8 @@ impl<'a> Trainer<'a> {
         SagaModel::new(&flat(&own), (&self.neighbours, self.per), self.gate(), means)
     }
 
-    fn gate(&self) -> Gate {
-        Gate { weight: self.gate[0].value, bias: self.gate[1].value }
+    fn gate(&self) -> ScaleGate {
+        ScaleGate { weight: self.gate[0].value, bias: self.gate[1].value }
     }
 }
 

@@ -1,7 +1,7 @@
 //! SAGA on two balls: what a click selects, gradients, non-finite values, thread counts.
 
 use super::loss::{FEATURES, Facts};
-use super::step::Trainer;
+use super::step::SagaTrainer;
 use super::*;
 use crate::segment::test_support::{APART, COUNT, add, on_threads};
 
@@ -38,7 +38,7 @@ fn gradients_agree_with_differences() {
     // all pairs; then hard ones alone, with so few pixels that none is close to a threshold, where the loss jumps
     for (pixels, scales, alike, apart) in [(20, 8, 2.0, -1.0), (6, 1, 0.75, 0.5)] {
         let options = SagaOptions { pixels, scales, hard_alike: alike, hard_apart: apart, ..SagaOptions::default() };
-        let mut trainer = Trainer::new(&views, &at.means, &options).unwrap();
+        let mut trainer = SagaTrainer::new(&views, &at.means, &options).unwrap();
         let mut rng = Rng::new(1, 2, Purpose::Custom(3));
         let batch = trainer.batch(1, &mut rng);
         let slopes = trainer.loss(&batch);

@@ -1,6 +1,6 @@
 //! Cuts back Gaussians that extend beyond a mask's edge: the long axis is shortened to its part inside.
 
-use super::Chosen;
+use super::ChosenView;
 use crate::model::HostGaussians;
 use glam::{Quat, Vec3};
 use rayon::prelude::*;
@@ -13,7 +13,7 @@ const SHRINK: f32 = 0.8;
 const PIECES: usize = 32;
 
 /// Cuts each Gaussian back in one view after the other.
-pub(super) fn cut(gaussians: &mut HostGaussians, chosen: &[Chosen<'_>]) {
+pub(super) fn cut(gaussians: &mut HostGaussians, chosen: &[ChosenView<'_>]) {
     let HostGaussians { means, log_scales, rotations, .. } = gaussians;
     let rows = means.par_chunks_exact_mut(3).zip(log_scales.par_chunks_exact_mut(3)).zip(rotations.par_chunks_exact(4));
     rows.for_each(|((mean, log_scale), rotation)| {
@@ -26,7 +26,7 @@ pub(super) fn cut(gaussians: &mut HostGaussians, chosen: &[Chosen<'_>]) {
 /// Reduces a Gaussian to its part inside the mask, if one end of its long axis is inside and the other is not: for an
 /// inner fraction `r` of the axis, its scale there is multiplied by `0.8 r`, and its centre moves inwards by half the
 /// rest.
-fn cut_one(mean: &mut [f32], log_scale: &mut [f32], rotation: &[f32], view: &Chosen<'_>) {
+fn cut_one(mean: &mut [f32], log_scale: &mut [f32], rotation: &[f32], view: &ChosenView<'_>) {
     let longest = (1..3).fold(0, |best, k| if log_scale[k] > log_scale[best] { k } else { best });
     let turn = Quat::from_xyzw(rotation[1], rotation[2], rotation[3], rotation[0]);
     let length = turn.length();

@@ -11,7 +11,8 @@ fn balls() -> Vec<SagdView> {
 fn ahead(masks: Vec<Mask>) -> SagdView {
     let rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let translation = [0.0, 0.0, 4.0];
-    let camera = Camera { width: 100, height: 100, fx: 400.0, fy: 400.0, cx: 50.0, cy: 50.0, rotation, translation };
+    let camera =
+        PinholeCamera { width: 100, height: 100, fx: 400.0, fy: 400.0, cx: 50.0, cy: 50.0, rotation, translation };
     SagdView { camera, masks }
 }
 

@@ -2,13 +2,13 @@
 
 use super::super::filter::suppress_by;
 use super::image::Enlarger;
-use super::{Embedding, Mask, Prompt, Sam, SamError};
+use super::{Embedding, Mask, Sam, SamError, SamPrompt};
 use rayon::prelude::*;
 use std::convert::Infallible;
 
 /// Which of a point's candidates are kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Keep {
+pub enum KeptCandidates {
     /// The one of the highest predicted quality.
     MostConfident,
     /// All.
@@ -24,7 +24,7 @@ pub struct AutomaticOptions {
     /// MB per point), not the result.
     pub points_per_batch: usize,
     /// Which of a point's candidates are kept.
-    pub keep: Keep,
+    pub keep: KeptCandidates,
     /// Masks are kept above this predicted intersection over union.
     pub predicted_iou: f32,
     /// Minimum stability of the masks that are kept, see [`stability_score`].
@@ -40,7 +40,7 @@ impl Default for AutomaticOptions {
         Self {
             points_per_side: 32,
             points_per_batch: 4,
-            keep: Keep::MostConfident,
+            keep: KeptCandidates::MostConfident,
             predicted_iou: 0.88,
             stability: 0.95,
             stability_offset: 1.0,
@@ -71,12 +71,12 @@ pub fn point_grid(n: usize, width: usize, height: usize) -> Vec<[f32; 2]> {
 }
 
 /// Indices of the candidates to keep, by one point's predicted qualities: those above `threshold`; NaN never is.
-pub fn select_candidates(iou: &[f32], keep: Keep, threshold: f32) -> Vec<usize> {
+pub fn select_candidates(iou: &[f32], keep: KeptCandidates, threshold: f32) -> Vec<usize> {
     let above = (0..iou.len()).filter(|&i| iou[i] > threshold);
     match keep {
-        Keep::All => above.collect(),
+        KeptCandidates::All => above.collect(),
         // the first of equals
-        Keep::MostConfident => above.rev().max_by(|&a, &b| iou[a].total_cmp(&iou[b])).into_iter().collect(),
+        KeptCandidates::MostConfident => above.rev().max_by(|&a, &b| iou[a].total_cmp(&iou[b])).into_iter().collect(),
     }
 }
 
@@ -133,7 +133,7 @@ fn of_points(
     points: &[[f32; 2]],
     options: &AutomaticOptions,
 ) -> Result<Vec<SamMask>, SamError> {
-    let prompts: Vec<Prompt> = points.iter().map(|&p| Prompt::point(p)).collect();
+    let prompts: Vec<SamPrompt> = points.iter().map(|&p| SamPrompt::point(p)).collect();
     let prediction = sam.predict(image, &prompts, true)?;
     let enlarger = Enlarger::new(prediction.side, image.frame());
     let mut found = Vec::new();
@@ -189,13 +189,13 @@ mod tests {
 
     #[test]
     fn the_most_confident_or_all() {
-        let best = |iou: &[f32], limit| select_candidates(iou, Keep::MostConfident, limit);
+        let best = |iou: &[f32], limit| select_candidates(iou, KeptCandidates::MostConfident, limit);
         assert_eq!(best(&[0.5, 0.97, 0.9], 0.88), [1]);
         assert_eq!(best(&[0.9, 0.9, 0.9], 0.88), [0]);
         assert!(best(&[0.88, 0.3, 0.1], 0.88).is_empty());
         assert_eq!(best(&[f32::NAN, 0.9, 0.2], 0.88), [1]);
         assert!(best(&[], 0.0).is_empty());
-        assert_eq!(select_candidates(&[0.9, f32::NAN, 0.95, 0.1], Keep::All, 0.88), [0, 2]);
+        assert_eq!(select_candidates(&[0.9, f32::NAN, 0.95, 0.1], KeptCandidates::All, 0.88), [0, 2]);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::SamError;
 use super::config::SamConfig;
-use super::layers::{CHANNEL_NORM_EPSILON, Doubling, LayerNorm, Mlp};
+use super::layers::{CHANNEL_NORM_EPSILON, Doubling, LayerNorm, SamMlp};
 use super::transformer::TwoWayTransformer;
 use super::weights::Scope;
 use burn::module::{Module, Param};
@@ -19,8 +19,8 @@ pub(super) struct MaskDecoder {
     norm: LayerNorm,
     second_doubling: Doubling,
     /// From a mask's token to the weights of the image's channels, for the single mask and the candidates.
-    filters: Vec<Mlp>,
-    quality: Mlp,
+    filters: Vec<SamMlp>,
+    quality: SamMlp,
 }
 
 /// Layers of the networks that make filters.
@@ -33,7 +33,7 @@ impl MaskDecoder {
         tokens.extend(scope.at("mask_tokens").values("weight", &[masks, dim])?);
         let filter = |i: usize| {
             let scope = scope.at("output_hypernetworks_mlps").at(i);
-            Mlp::load(&scope, dim, dim, dim / 8, FILTER_DEPTH)
+            SamMlp::load(&scope, dim, dim, dim / 8, FILTER_DEPTH)
         };
         let upscaling = scope.at("output_upscaling");
         let quality = scope.at("iou_prediction_head");
@@ -44,7 +44,7 @@ impl MaskDecoder {
             norm: LayerNorm::load(&upscaling.at(1), dim / 4, CHANNEL_NORM_EPSILON)?,
             second_doubling: Doubling::load(&upscaling.at(3), dim / 4, dim / 8)?,
             filters: (0..masks).map(filter).collect::<Result<_, _>>()?,
-            quality: Mlp::load(&quality, dim, config.iou_hidden, masks, config.iou_depth)?,
+            quality: SamMlp::load(&quality, dim, config.iou_hidden, masks, config.iou_depth)?,
         })
     }
 

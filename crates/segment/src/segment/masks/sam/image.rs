@@ -9,7 +9,7 @@ const DEVIATION: [f32; 3] = [58.395, 57.12, 57.375];
 
 /// How an image lies in the network's square input: scaled to its longest side, from the top left, zeros elsewhere.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Frame {
+pub struct ImageFit {
     /// Width and height of the image, pixels.
     pub original: [usize; 2],
     /// Width and height of the scaled image, pixels.
@@ -18,7 +18,7 @@ pub struct Frame {
     pub input: usize,
 }
 
-impl Frame {
+impl ImageFit {
     /// The frame of an image of `width` by `height` pixels.
     ///
     /// # Errors
@@ -46,7 +46,7 @@ impl Frame {
 ///
 /// # Errors
 /// [`SamError::ImageSize`] if `rgb` does not hold the frame's original size.
-pub fn network_input(rgb: &[u8], frame: &Frame) -> Result<Vec<f32>, SamError> {
+pub fn network_input(rgb: &[u8], frame: &ImageFit) -> Result<Vec<f32>, SamError> {
     let [width, height] = frame.original;
     if width.checked_mul(height).and_then(|n| n.checked_mul(3)) != Some(rgb.len()) {
         return Err(SamError::ImageSize { width, height, found: rgb.len() });
@@ -68,13 +68,13 @@ pub fn network_input(rgb: &[u8], frame: &Frame) -> Result<Vec<f32>, SamError> {
 const FRACTION: u32 = 22;
 
 /// The input pixels that make an output pixel, from `start`, with weights that sum to `2^FRACTION`.
-struct Window {
+struct ResampleWindow {
     start: usize,
     weights: Vec<i32>,
 }
 
 /// Linear interpolation, widened to an average when shrinking, as imaging libraries do it in fixed point.
-fn windows(from: usize, to: usize) -> Vec<Window> {
+fn windows(from: usize, to: usize) -> Vec<ResampleWindow> {
     let step = from as f64 / to as f64;
     let reach = step.max(1.0);
     let window = |i: usize| {
@@ -84,7 +84,7 @@ fn windows(from: usize, to: usize) -> Vec<Window> {
         let tent = |j: usize| (1.0 - ((j as f64 + 0.5 - centre) / reach).abs()).max(0.0);
         let sum: f64 = (start..end).map(tent).sum();
         let fixed = |j: usize| (tent(j) / sum * f64::from(1 << FRACTION) + 0.5) as i32;
-        Window { start, weights: (start..end).map(fixed).collect() }
+        ResampleWindow { start, weights: (start..end).map(fixed).collect() }
     };
     (0..to).map(window).collect()
 }
@@ -160,7 +160,7 @@ pub struct Enlarger {
 impl Enlarger {
     /// Creates an enlarger of logits `[side, side]` of an image that lies in the network's input as `frame` says;
     /// `side` is above 0.
-    pub fn new(side: usize, frame: &Frame) -> Self {
+    pub fn new(side: usize, frame: &ImageFit) -> Self {
         let axis = |axis: usize| enlargement(side, frame.input, frame.resized[axis], frame.original[axis]);
         Self { side, across: axis(0), down: axis(1) }
     }
@@ -195,11 +195,11 @@ mod tests {
 
     #[test]
     fn frames_keep_the_aspect() {
-        let frame = Frame::new(800, 600, 1024).unwrap();
+        let frame = ImageFit::new(800, 600, 1024).unwrap();
         assert_eq!(frame.resized, [1024, 768]);
-        assert_eq!(Frame::new(1, 2000, 1024).unwrap().resized, [1, 1024]);
+        assert_eq!(ImageFit::new(1, 2000, 1024).unwrap().resized, [1, 1024]);
         for (width, height) in [(0, 5), (5, 0), (0, 0), (3000, 1)] {
-            assert!(matches!(Frame::new(width, height, 1024), Err(SamError::ImageShape { .. })));
+            assert!(matches!(ImageFit::new(width, height, 1024), Err(SamError::ImageShape { .. })));
         }
         let [x, y] = frame.position([400.0, 300.0]);
         assert!((x - 512.5 / 1024.0).abs() < 1e-7 && (y - 384.5 / 1024.0).abs() < 1e-7);
@@ -207,7 +207,7 @@ mod tests {
 
     #[test]
     fn images_are_normalised_and_padded() {
-        let frame = Frame::new(2, 1, 4).unwrap();
+        let frame = ImageFit::new(2, 1, 4).unwrap();
         let input = network_input(&[255, 0, 0, 255, 0, 0], &frame).unwrap();
         assert_eq!(input.len(), 48);
         assert!((input[0] - (255.0 - 123.675) / 58.395).abs() < 1e-6);
@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn poison_stays_where_it_is() {
-        let frame = Frame::new(32, 32, 16).unwrap();
+        let frame = ImageFit::new(32, 32, 16).unwrap();
         let mut logits = vec![1.0; 16];
         logits[0] = f32::NAN;
         let out = Enlarger::new(4, &frame).enlarge(&logits);
@@ -236,7 +236,7 @@ mod tests {
 
         #[test]
         fn a_flat_mask_stays_flat(w in 1_usize..60, h in 1_usize..60, value in -30.0_f32..30.0) {
-            let frame = Frame::new(w, h, 64).unwrap();
+            let frame = ImageFit::new(w, h, 64).unwrap();
             let out = Enlarger::new(16, &frame).enlarge(&[value; 256]);
             prop_assert_eq!(out.len(), w * h);
             prop_assert!(out.iter().all(|v| (v - value).abs() <= 1e-5 * value.abs()));

@@ -38,11 +38,11 @@ impl Linear {
 
 /// Linear layers with ReLU between them.
 #[derive(Module, Debug)]
-pub(super) struct Mlp {
+pub(super) struct SamMlp {
     layers: Vec<Linear>,
 }
 
-impl Mlp {
+impl SamMlp {
     /// Loads the layers `layers.0` to `layers.{depth - 1}`.
     pub(super) fn load(
         scope: &Scope<'_>,
@@ -118,14 +118,14 @@ impl ConvShape {
 
 /// A convolution of `[B, C, H, W]`.
 #[derive(Module, Debug)]
-pub(super) struct Conv {
+pub(super) struct SamConv {
     weight: Param<Tensor<4>>,
     bias: Option<Param<Tensor<1>>>,
     stride: usize,
     groups: usize,
 }
 
-impl Conv {
+impl SamConv {
     fn new(shape: ConvShape, weight: Param<Tensor<4>>, bias: Option<Param<Tensor<1>>>) -> Self {
         let groups = if shape.depthwise { shape.inputs } else { 1 };
         Self { weight, bias, stride: shape.stride, groups }

@@ -20,11 +20,11 @@ mod tiny_vit_block;
 mod transformer;
 mod weights;
 
-pub use automatic::{AutomaticOptions, Keep, SamMask, generate};
+pub use automatic::{AutomaticOptions, KeptCandidates, SamMask, generate};
 pub use config::SamConfig;
 pub use error::SamError;
-pub use image::Frame;
-pub use prompt::{Label, Prompt};
+pub use image::ImageFit;
+pub use prompt::{PointLabel, SamPrompt};
 
 use super::{Mask, MaskError};
 use burn::tensor::{DType, Device, Tensor, TensorData};
@@ -32,7 +32,7 @@ use decoder::MaskDecoder;
 use prompt::PromptEncoder;
 use std::path::Path;
 use tiny_vit::TinyVit;
-use weights::Weights;
+use weights::SamWeights;
 
 /// A Segment Anything network with its weights on a device. Nothing here is differentiable.
 #[derive(Debug, Clone)]
@@ -51,12 +51,12 @@ pub struct Sam {
 pub struct Embedding {
     /// `[1, C, S, S]` with `S = image_size / 16`.
     pub(crate) features: Tensor<4>,
-    frame: Frame,
+    frame: ImageFit,
 }
 
 /// Low-resolution candidate masks of a batch of prompts.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Prediction {
+pub struct MaskPrediction {
     /// Prompts `B`.
     pub prompts: usize,
     /// Candidates per prompt `M`.
@@ -69,7 +69,7 @@ pub struct Prediction {
     pub iou: Vec<f32>,
 }
 
-impl Prediction {
+impl MaskPrediction {
     /// The logits `[L, L]` of one candidate.
     ///
     /// # Panics
@@ -83,7 +83,7 @@ impl Prediction {
 
 impl Embedding {
     /// The sizes that map between the image and the network.
-    pub fn frame(&self) -> &Frame {
+    pub fn frame(&self) -> &ImageFit {
         &self.frame
     }
 }
@@ -103,7 +103,7 @@ impl Sam {
         let path = path.as_ref();
         let bytes =
             crate::files::read_regular(path).map_err(|source| SamError::Read { path: path.to_path_buf(), source })?;
-        let weights = Weights::parse(path, &bytes, &device)?;
+        let weights = SamWeights::parse(path, &bytes, &device)?;
         let root = weights.root();
         let prompt = PromptEncoder::load(&root.at("prompt_encoder"), config)?;
         Ok(Self {
@@ -127,7 +127,7 @@ impl Sam {
     /// [`SamError::ImageSize`] if `rgb` does not hold `width * height * 3` bytes, [`SamError::ImageShape`] if the image
     /// is empty or too thin to be resized.
     pub fn encode(&self, rgb: &[u8], width: usize, height: usize) -> Result<Embedding, SamError> {
-        let frame = Frame::new(width, height, self.config.image_size)?;
+        let frame = ImageFit::new(width, height, self.config.image_size)?;
         let values = image::network_input(rgb, &frame)?;
         let side = self.config.image_size;
         let data = TensorData::new(values, [1, 3, side, side]);
@@ -141,17 +141,22 @@ impl Sam {
     /// # Errors
     /// [`SamError::Prompt`] if a prompt is empty, not finite, or differs from the first in its number of points or in
     /// having a box.
-    pub fn predict(&self, image: &Embedding, prompts: &[Prompt], multimask: bool) -> Result<Prediction, SamError> {
+    pub fn predict(
+        &self,
+        image: &Embedding,
+        prompts: &[SamPrompt],
+        multimask: bool,
+    ) -> Result<MaskPrediction, SamError> {
         let side = 4 * self.config.embedding_side();
         let candidates = if multimask { self.config.candidates } else { 1 };
-        let empty = Prediction { prompts: 0, candidates, side, logits: Vec::new(), iou: Vec::new() };
+        let empty = MaskPrediction { prompts: 0, candidates, side, logits: Vec::new(), iou: Vec::new() };
         if prompts.is_empty() {
             return Ok(empty);
         }
         let sparse = self.prompt.sparse(prompts, &image.frame)?;
         let features = self.prompt.with_no_mask(image.features.clone());
         let (masks, iou) = self.decoder.forward(features, self.cells.clone(), sparse, multimask);
-        Ok(Prediction { prompts: prompts.len(), logits: host(masks)?, iou: host(iou)?, ..empty })
+        Ok(MaskPrediction { prompts: prompts.len(), logits: host(masks)?, iou: host(iou)?, ..empty })
     }
 }
 

@@ -2,14 +2,14 @@
 
 use super::SamError;
 use super::config::SamConfig;
-use super::image::Frame;
+use super::image::ImageFit;
 use super::weights::Scope;
 use burn::module::{Module, Param};
 use burn::tensor::{DType, Int, Tensor, TensorData};
 
 /// How a point relates to the object.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Label {
+pub enum PointLabel {
     /// Not part of it.
     Outside,
     /// Part of it.
@@ -19,17 +19,17 @@ pub enum Label {
 /// Where an object is. Coordinates are pixels of the original image, x to the right and y down, the centre of the
 /// first pixel at (0, 0).
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Prompt {
+pub struct SamPrompt {
     /// Points with their labels.
-    pub points: Vec<([f32; 2], Label)>,
+    pub points: Vec<([f32; 2], PointLabel)>,
     /// Left, top, right, bottom of a box around the object.
     pub bounds: Option<[f32; 4]>,
 }
 
-impl Prompt {
+impl SamPrompt {
     /// One point inside the object.
     pub fn point(at: [f32; 2]) -> Self {
-        Self { points: vec![(at, Label::Inside)], bounds: None }
+        Self { points: vec![(at, PointLabel::Inside)], bounds: None }
     }
 }
 
@@ -85,7 +85,7 @@ impl PromptEncoder {
     }
 
     /// Encodes prompts as `[B, N, C]`: per prompt its points, then its box's corners, or a padding point without a box.
-    pub(super) fn sparse(&self, prompts: &[Prompt], frame: &Frame) -> Result<Tensor<3>, SamError> {
+    pub(super) fn sparse(&self, prompts: &[SamPrompt], frame: &ImageFit) -> Result<Tensor<3>, SamError> {
         let (mut positions, mut kinds) = (Vec::new(), Vec::new());
         for (index, prompt) in prompts.iter().enumerate() {
             check(prompt, &prompts[0]).map_err(|rule| SamError::Prompt { index, rule })?;
@@ -94,7 +94,7 @@ impl PromptEncoder {
                 kinds.push(kind as i64);
             };
             for &(at, label) in &prompt.points {
-                push(at, if label == Label::Inside { INSIDE } else { OUTSIDE });
+                push(at, if label == PointLabel::Inside { INSIDE } else { OUTSIDE });
             }
             match prompt.bounds {
                 Some([left, top, right, bottom]) => {
@@ -116,7 +116,7 @@ impl PromptEncoder {
 }
 
 /// The first rule that a prompt of a batch breaks.
-fn check(prompt: &Prompt, first: &Prompt) -> Result<(), &'static str> {
+fn check(prompt: &SamPrompt, first: &SamPrompt) -> Result<(), &'static str> {
     if prompt.points.is_empty() && prompt.bounds.is_none() {
         return Err("it has neither a point nor a box");
     }

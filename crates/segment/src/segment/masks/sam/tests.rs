@@ -1,7 +1,7 @@
 //! Tests against the published implementation: `tests/support/sam_reference.py` made the weights, inputs and outputs.
 
 use super::image::{Enlarger, network_input, resize_rgb};
-use super::prompt::{Label, Prompt};
+use super::prompt::{PointLabel, SamPrompt};
 use super::*;
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors, serialize_to_file};
@@ -62,13 +62,13 @@ impl Reference {
     }
 
     /// The three prompts with their first `points` points, and their boxes if asked for.
-    fn prompts(&self, points: usize, boxes: bool) -> Vec<Prompt> {
+    fn prompts(&self, points: usize, boxes: bool) -> Vec<SamPrompt> {
         let (at, labels, bounds) = (self.values("points"), self.values("labels"), self.values("boxes"));
         let point = |i: usize| {
-            let label = if labels[i] == 1.0 { Label::Inside } else { Label::Outside };
+            let label = if labels[i] == 1.0 { PointLabel::Inside } else { PointLabel::Outside };
             ([at[2 * i], at[2 * i + 1]], label)
         };
-        let prompt = |b: usize| Prompt {
+        let prompt = |b: usize| SamPrompt {
             points: (0..points).map(|p| point(2 * b + p)).collect(),
             bounds: boxes.then(|| [0, 1, 2, 3].map(|i| bounds[4 * b + i])),
         };
@@ -110,7 +110,7 @@ fn the_image_is_resized_to_the_byte() {
     for (from, to) in [("image", "resized"), ("shrink.from", "shrink.to")] {
         let (rgb, width, height) = reference.image(from);
         let (expected, to_width, to_height) = reference.image(to);
-        let frame = Frame::new(width, height, to_width.max(to_height)).unwrap();
+        let frame = ImageFit::new(width, height, to_width.max(to_height)).unwrap();
         assert_eq!(frame.resized, [to_width, to_height]);
         assert_eq!(resize_rgb(&rgb, frame.original, frame.resized), expected);
     }
@@ -163,7 +163,7 @@ fn the_automatic_mode_finds_the_published_masks() {
     let options = AutomaticOptions {
         points_per_side: 3,
         points_per_batch: 4,
-        keep: Keep::All,
+        keep: KeptCandidates::All,
         predicted_iou: limits[0],
         stability: limits[1],
         stability_offset: 0.1,
@@ -188,7 +188,7 @@ fn the_automatic_mode_finds_the_published_masks() {
     // the batch's size must not matter
     let again = generate(&sam, &rgb, width, height, &AutomaticOptions { points_per_batch: 100, ..options.clone() });
     assert_eq!(again.unwrap(), found);
-    let fewer = AutomaticOptions { keep: Keep::MostConfident, box_overlap: 1.0, stability: 0.0, ..options };
+    let fewer = AutomaticOptions { keep: KeptCandidates::MostConfident, box_overlap: 1.0, stability: 0.0, ..options };
     let best = generate(&sam, &rgb, width, height, &fewer).unwrap();
     assert!(!best.is_empty() && best.len() <= 9, "{}", best.len());
 }
@@ -217,9 +217,10 @@ fn no_prompts_give_no_masks() {
 fn bad_prompts_and_options_are_named() {
     let (sam, reference) = (sam(), Reference::open(fixture()));
     let image = reference.embedding(&sam);
-    let point = Prompt::point([3.0, 4.0]);
-    let boxed = Prompt { bounds: Some([0.0, 0.0, 9.0, 9.0]), ..point.clone() };
-    for bad in [Prompt::default(), boxed, Prompt::point([f32::NAN, 1.0]), Prompt::point([1.0, f32::INFINITY])] {
+    let point = SamPrompt::point([3.0, 4.0]);
+    let boxed = SamPrompt { bounds: Some([0.0, 0.0, 9.0, 9.0]), ..point.clone() };
+    for bad in [SamPrompt::default(), boxed, SamPrompt::point([f32::NAN, 1.0]), SamPrompt::point([1.0, f32::INFINITY])]
+    {
         let error = sam.predict(&image, &[point.clone(), bad], true).unwrap_err();
         assert!(matches!(error, SamError::Prompt { index: 1, .. }), "{error}");
     }
@@ -310,7 +311,7 @@ fn the_full_size_network() {
     let sam = Sam::load(path, &SamConfig::default(), &crate::device::DeviceName::all()[0].open().unwrap()).unwrap();
     timed("load", start);
     let (rgb, width, height) = reference.image("image");
-    let frame = Frame::new(width, height, 1024).unwrap();
+    let frame = ImageFit::new(width, height, 1024).unwrap();
     let start = std::time::Instant::now();
     network_input(&rgb, &frame).unwrap();
     timed("resize", start);
@@ -329,7 +330,7 @@ fn the_full_size_network() {
     close_on_average("full size", &full, &reference.values("points.full"));
     for count in [1, 4] {
         use rayon::prelude::*;
-        let prompts = vec![Prompt::point([100.0, 200.0]); count];
+        let prompts = vec![SamPrompt::point([100.0, 200.0]); count];
         let start = std::time::Instant::now();
         (0..16 / count).into_par_iter().for_each(|_| {
             sam.predict(&image, &prompts, true).unwrap();
@@ -337,7 +338,7 @@ fn the_full_size_network() {
         timed(&format!("decode 16 points, batches of {count} in parallel"), start);
     }
     for count in [1, 4, 16] {
-        let prompts = vec![Prompt::point([100.0, 200.0]); count];
+        let prompts = vec![SamPrompt::point([100.0, 200.0]); count];
         let start = std::time::Instant::now();
         sam.predict(&image, &prompts, true).unwrap();
         timed(&format!("decode {count} points"), start);

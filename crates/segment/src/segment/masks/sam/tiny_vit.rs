@@ -2,8 +2,8 @@
 
 use super::SamError;
 use super::config::SamConfig;
-use super::layers::{CHANNEL_NORM_EPSILON, Conv, ConvShape, LayerNorm};
-use super::tiny_vit_block::Block;
+use super::layers::{CHANNEL_NORM_EPSILON, ConvShape, LayerNorm, SamConv};
+use super::tiny_vit_block::TinyVitBlock;
 use super::weights::Scope;
 use burn::module::Module;
 use burn::tensor::Tensor;
@@ -12,18 +12,18 @@ use burn::tensor::activation::gelu;
 /// Expands the channels, filters each, and projects them: an inverted residual block without its residual.
 #[derive(Module, Debug)]
 struct ConvBlock {
-    expand: Conv,
-    filter: Conv,
-    project: Conv,
+    expand: SamConv,
+    filter: SamConv,
+    project: SamConv,
 }
 
 impl ConvBlock {
     /// Loads a block from `inputs` through `hidden` to `outputs` channels, whose filters move by `stride`.
     fn load(scope: &Scope<'_>, [inputs, hidden, outputs]: [usize; 3], stride: usize) -> Result<Self, SamError> {
         Ok(Self {
-            expand: Conv::load_folded(&scope.at("conv1"), ConvShape::dense(inputs, hidden, 1, 1))?,
-            filter: Conv::load_folded(&scope.at("conv2"), ConvShape::depthwise(hidden, 3, stride))?,
-            project: Conv::load_folded(&scope.at("conv3"), ConvShape::dense(hidden, outputs, 1, 1))?,
+            expand: SamConv::load_folded(&scope.at("conv1"), ConvShape::dense(inputs, hidden, 1, 1))?,
+            filter: SamConv::load_folded(&scope.at("conv2"), ConvShape::depthwise(hidden, 3, stride))?,
+            project: SamConv::load_folded(&scope.at("conv3"), ConvShape::dense(hidden, outputs, 1, 1))?,
         })
     }
 
@@ -35,13 +35,13 @@ impl ConvBlock {
 /// The image encoder.
 #[derive(Module, Debug)]
 pub(super) struct TinyVit {
-    stem: Vec<Conv>,
+    stem: Vec<SamConv>,
     convs: Vec<ConvBlock>,
     /// Between a stage and the next: they change the channels and, by their stride, the resolution.
     merges: Vec<ConvBlock>,
     /// Of stages 1 to 3.
-    stages: Vec<Vec<Block>>,
-    neck: Vec<Conv>,
+    stages: Vec<Vec<TinyVitBlock>>,
+    neck: Vec<SamConv>,
     neck_norms: Vec<LayerNorm>,
 }
 
@@ -55,8 +55,8 @@ impl TinyVit {
         let stem = scope.at("patch_embed.seq");
         let half = dims[0] / 2;
         let stem = vec![
-            Conv::load_folded(&stem.at(0), ConvShape::dense(3, half, 3, 2))?,
-            Conv::load_folded(&stem.at(2), ConvShape::dense(half, dims[0], 3, 2))?,
+            SamConv::load_folded(&stem.at(0), ConvShape::dense(3, half, 3, 2))?,
+            SamConv::load_folded(&stem.at(2), ConvShape::dense(half, dims[0], 3, 2))?,
         ];
         let layer = |stage: usize| scope.at("layers").at(stage);
         let hidden = dims[0] * config.expand_ratio;
@@ -66,7 +66,7 @@ impl TinyVit {
             ConvBlock::load(&layer(stage).at("downsample"), [from, to, to], stride)
         };
         let stage = |stage: usize| {
-            let block = |i: usize| Block::load(&layer(stage).at("blocks").at(i), config, stage);
+            let block = |i: usize| TinyVitBlock::load(&layer(stage).at("blocks").at(i), config, stage);
             (0..config.depths[stage]).map(block).collect::<Result<Vec<_>, _>>()
         };
         let (neck, to) = (scope.at("neck"), config.prompt_dim);
@@ -76,8 +76,8 @@ impl TinyVit {
             merges: MERGE_STRIDES.into_iter().enumerate().map(merge).collect::<Result<_, _>>()?,
             stages: (1..4).map(stage).collect::<Result<_, _>>()?,
             neck: vec![
-                Conv::load(&neck.at(0), ConvShape::dense(dims[3], to, 1, 1))?,
-                Conv::load(&neck.at(2), ConvShape::dense(to, to, 3, 1))?,
+                SamConv::load(&neck.at(0), ConvShape::dense(dims[3], to, 1, 1))?,
+                SamConv::load(&neck.at(2), ConvShape::dense(to, to, 3, 1))?,
             ],
             neck_norms: vec![
                 LayerNorm::load(&neck.at(1), to, CHANNEL_NORM_EPSILON)?,

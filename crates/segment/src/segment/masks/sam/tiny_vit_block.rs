@@ -2,7 +2,7 @@
 
 use super::SamError;
 use super::config::SamConfig;
-use super::layers::{Conv, ConvShape, LayerNorm, Linear, NORM_EPSILON};
+use super::layers::{ConvShape, LayerNorm, Linear, NORM_EPSILON, SamConv};
 use super::weights::Scope;
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
@@ -12,22 +12,22 @@ use burn::tensor::ops::AttentionModuleOptions;
 
 /// A block on `[B, H, W, C]`.
 #[derive(Module, Debug)]
-pub(super) struct Block {
+pub(super) struct TinyVitBlock {
     attention: WindowAttention,
-    local: Conv,
+    local: SamConv,
     norm: LayerNorm,
     widen: Linear,
     narrow: Linear,
 }
 
-impl Block {
+impl TinyVitBlock {
     pub(super) fn load(scope: &Scope<'_>, config: &SamConfig, stage: usize) -> Result<Self, SamError> {
         let dim = config.embed_dims[stage];
         let hidden = dim * config.mlp_ratio;
         let mlp = scope.at("mlp");
         Ok(Self {
             attention: WindowAttention::load(&scope.at("attn"), dim, config.heads[stage], config.windows[stage])?,
-            local: Conv::load_folded(&scope.at("local_conv"), ConvShape::depthwise(dim, 3, 1))?,
+            local: SamConv::load_folded(&scope.at("local_conv"), ConvShape::depthwise(dim, 3, 1))?,
             norm: LayerNorm::load(&mlp.at("norm"), dim, NORM_EPSILON)?,
             widen: Linear::load(&mlp.at("fc1"), dim, hidden)?,
             narrow: Linear::load(&mlp.at("fc2"), hidden, dim)?,

@@ -7,7 +7,7 @@ use safetensors::SafeTensors;
 use std::path::Path;
 
 /// A parsed weights file with its name, for messages, and the device that tensors go to.
-pub(super) struct Weights<'a> {
+pub(super) struct SamWeights<'a> {
     path: &'a Path,
     file: SafeTensors<'a>,
     device: &'a Device,
@@ -15,11 +15,11 @@ pub(super) struct Weights<'a> {
 
 /// A dotted prefix in a weights file.
 pub(super) struct Scope<'a> {
-    weights: &'a Weights<'a>,
+    weights: &'a SamWeights<'a>,
     prefix: String,
 }
 
-impl<'a> Weights<'a> {
+impl<'a> SamWeights<'a> {
     pub(super) fn parse(path: &'a Path, bytes: &'a [u8], device: &'a Device) -> Result<Self, SamError> {
         let file =
             SafeTensors::deserialize(bytes).map_err(|source| SamError::Format { path: path.to_path_buf(), source })?;

@@ -42,26 +42,26 @@ impl MaskSourceKind for DirKind {
         let views: Vec<String> = job.shots.iter().map(|s| format!("{}.png", s.file)).collect();
         let (width, height) = job.shots.first().map_or((0, 0), |s| (s.camera.width, s.camera.height));
         let path = input.options.path.as_deref().unwrap_or(Path::new(""));
-        Ok(Box::new(Foreign::open(path, &groups, input.others, &views, [width, height])?))
+        Ok(Box::new(ForeignMasks::open(path, &groups, input.others, &views, [width, height])?))
     }
 }
 
 /// Masks that another program made of the pictures of some groups.
 #[derive(Debug)]
-pub struct Foreign {
+pub struct ForeignMasks {
     name: String,
-    masks: Masks,
+    masks: StoredMasks,
 }
 
 #[derive(Debug)]
-enum Masks {
+enum StoredMasks {
     /// By group.
     Folders(Vec<PngFolder>),
     /// The file, and the index of its image for each group and view.
     Coco(CocoFile, HashMap<(usize, usize), usize>),
 }
 
-impl Foreign {
+impl ForeignMasks {
     /// Opens `path`: a COCO file, whose images are called `GROUP/VIEW.png`, or a folder that contains one of PNGs for
     /// each group, see [`PngFolder`]. For a single group, the folder itself may hold the PNGs and COCO names may omit
     /// the group. Pictures of the groups `others` are skipped. Extensions of file names are ignored; all pictures are
@@ -95,11 +95,11 @@ impl Foreign {
                 let problem = "none found; name masks GROUP/VIEW_NUMBER.png, or GROUP/VIEW.png for a label image";
                 return Err(StoreError::field(path, "masks", problem));
             }
-            Masks::Folders(folders)
+            StoredMasks::Folders(folders)
         } else {
             let file = CocoFile::open(path)?;
             let places = places(path, &file, [groups, others], views, size)?;
-            Masks::Coco(file, places)
+            StoredMasks::Coco(file, places)
         };
         Ok(Self { name, masks })
     }
@@ -149,18 +149,18 @@ fn places(
     Ok(places)
 }
 
-impl MaskSource for Foreign {
+impl MaskSource for ForeignMasks {
     fn name(&self) -> &str {
         &self.name
     }
 
     fn find(&self, seen: &MaskInput<'_>) -> Result<Vec<ScoredMask>, SourceError> {
         let masks = match &self.masks {
-            Masks::Folders(folders) => {
+            StoredMasks::Folders(folders) => {
                 let unknown = SourceError::View { view: seen.view, group: seen.group };
                 folders.get(seen.group).ok_or(unknown)?.masks(seen.view)?
             }
-            Masks::Coco(file, places) => match places.get(&(seen.group, seen.view)) {
+            StoredMasks::Coco(file, places) => match places.get(&(seen.group, seen.view)) {
                 Some(image) => file.masks(*image)?,
                 None => Vec::new(),
             },
@@ -177,22 +177,22 @@ impl MaskSource for Foreign {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::segment::pictures::Picture;
+    use crate::segment::pictures::GaussianPicture;
     use image::GrayImage;
 
-    fn picture() -> Picture {
-        Picture { width: 4, height: 2, rgba: vec![0.0; 32], depth: vec![0.0; 8] }
+    fn picture() -> GaussianPicture {
+        GaussianPicture { width: 4, height: 2, rgba: vec![0.0; 32], depth: vec![0.0; 8] }
     }
 
-    fn areas(source: &Foreign, group: usize, view: usize) -> Vec<u64> {
+    fn areas(source: &ForeignMasks, group: usize, view: usize) -> Vec<u64> {
         let picture = picture();
         let found = source.find(&MaskInput { view, group, picture: &picture, front: None }).unwrap();
         found.iter().map(|f| f.mask.area()).collect()
     }
 
-    fn open(path: &Path, groups: &[&str]) -> Result<Foreign, StoreError> {
+    fn open(path: &Path, groups: &[&str]) -> Result<ForeignMasks, StoreError> {
         let groups: Vec<String> = groups.iter().map(|g| (*g).to_owned()).collect();
-        Foreign::open(path, &groups, &["other".into()], &["view-000".into(), "view-001".into()], [4, 2])
+        ForeignMasks::open(path, &groups, &["other".into()], &["view-000".into(), "view-001".into()], [4, 2])
     }
 
     #[test]

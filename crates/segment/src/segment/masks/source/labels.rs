@@ -21,20 +21,20 @@ impl MaskSourceKind for LabelsKind {
     fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceError> {
         let missing = || SourceError::Other("labels: there are no views with a label image".to_owned());
         let (truth, views) = input.labelled.ok_or_else(missing)?;
-        Ok(Box::new(Labels::new(truth.clone(), views.to_vec(), input.job.config.label_pixels)))
+        Ok(Box::new(LabelImages::new(truth.clone(), views.to_vec(), input.job.config.label_pixels)))
     }
 }
 
 /// Label images, one per view.
 #[derive(Clone, Debug)]
-pub struct Labels {
+pub struct LabelImages {
     name: String,
     truth: Truth,
     views: Vec<LabelledView>,
     min_pixels: u64,
 }
 
-impl Labels {
+impl LabelImages {
     /// Creates the source from `views`, which are those that are drawn, in the same order. An id makes a mask from
     /// `min_pixels` on.
     pub fn new(truth: Truth, views: Vec<LabelledView>, min_pixels: u64) -> Self {
@@ -43,7 +43,7 @@ impl Labels {
     }
 }
 
-impl MaskSource for Labels {
+impl MaskSource for LabelImages {
     fn name(&self) -> &str {
         &self.name
     }

@@ -4,7 +4,7 @@ use super::super::regions::{RegionError, RegionImage, find_regions};
 use super::super::registry::{MaskSourceKind, SourceInput};
 use super::{MaskInput, MaskSource, ScoredMask, SourceError};
 use crate::config::types::segment::MasksConfig;
-use crate::segment::pictures::Picture;
+use crate::segment::pictures::GaussianPicture;
 
 /// Regions of the pictures themselves.
 pub struct RegionsKind;
@@ -15,25 +15,25 @@ impl MaskSourceKind for RegionsKind {
     }
 
     fn open(&self, input: &SourceInput<'_>) -> Result<Box<dyn MaskSource>, SourceError> {
-        Ok(Box::new(Regions::new(input.job.rendering.background, input.job.config.clone())))
+        Ok(Box::new(RegionMaskSource::new(input.job.rendering.background, input.job.config.clone())))
     }
 }
 
 /// The source that needs no network.
 #[derive(Clone, Debug)]
-pub struct Regions {
+pub struct RegionMaskSource {
     background: [f32; 3],
     options: MasksConfig,
 }
 
-impl Regions {
+impl RegionMaskSource {
     /// Creates the source for pictures over `background`.
     pub fn new(background: [f32; 3], options: MasksConfig) -> Self {
         Self { background, options }
     }
 }
 
-impl MaskSource for Regions {
+impl MaskSource for RegionMaskSource {
     fn name(&self) -> &str {
         "regions"
     }
@@ -50,7 +50,7 @@ impl MaskSource for Regions {
 }
 
 /// Recovers straight colour and alpha from what was drawn over the background.
-fn region_image(picture: &Picture, background: [f32; 3]) -> Result<RegionImage, RegionError> {
+fn region_image(picture: &GaussianPicture, background: [f32; 3]) -> Result<RegionImage, RegionError> {
     let mut rgba = picture.rgba.clone();
     for p in rgba.chunks_exact_mut(4) {
         let a = p[3].max(1e-3);

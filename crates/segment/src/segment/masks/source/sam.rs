@@ -8,7 +8,7 @@ use super::super::sam::{AutomaticOptions, Sam, SamConfig, checkpoint, generate};
 use super::{MaskInput, MaskSource, ScoredMask, SourceError};
 use crate::config::types::segment::MasksConfig;
 use crate::export::images::to_rgb8;
-use crate::memory::{Budget, product};
+use crate::memory::{MemoryBudget, product};
 use std::path::Path;
 
 /// Seconds per picture and per point of the grid, of the full-size network on a CPU of two cores.
@@ -33,7 +33,7 @@ impl MaskSourceKind for SamKind {
         let bad = |option| move |problem| ChooseSourceError::Unusable { option, problem };
         let points = options.points.unwrap_or(DEFAULT_POINTS);
         let grid = product(&[points, points, POINT_BYTES]);
-        let fits = Budget::now().check(format!("a grid of {points}x{points} points"), grid);
+        let fits = MemoryBudget::now().check(format!("a grid of {points}x{points} points"), grid);
         fits.map_err(|e| bad(SourceOption::Points)(e.to_string()))?;
         let weights = checkpoint::locate(options.weights.as_deref());
         let weights = weights.map_err(|e| bad(SourceOption::Weights)(e.to_string()))?;
@@ -106,9 +106,9 @@ impl MaskSource for SamSource {
 mod tests {
     use super::super::super::sam::tests::{fixture, small};
     use super::*;
-    use crate::segment::pictures::Picture;
+    use crate::segment::pictures::GaussianPicture;
 
-    fn picture(alpha: impl Fn(usize) -> f32) -> Picture {
+    fn picture(alpha: impl Fn(usize) -> f32) -> GaussianPicture {
         let (width, height) = (40, 24);
         let pixel = |i: usize| {
             let (x, y) = (i % width, i / width);
@@ -117,7 +117,7 @@ mod tests {
             [r, g, b, alpha(x)]
         };
         let rgba = (0..width * height).flat_map(pixel).collect();
-        Picture { width, height, rgba, depth: vec![1.0; width * height] }
+        GaussianPicture { width, height, rgba, depth: vec![1.0; width * height] }
     }
 
     #[test]
@@ -132,7 +132,8 @@ mod tests {
             ..AutomaticOptions::default()
         };
         let source = SamSource::new(sam, options, MasksConfig::default());
-        let find = |picture: &Picture| source.find(&MaskInput { view: 0, group: 0, picture, front: None }).unwrap();
+        let find =
+            |picture: &GaussianPicture| source.find(&MaskInput { view: 0, group: 0, picture, front: None }).unwrap();
         let found = find(&picture(|_| 1.0));
         assert!(!found.is_empty());
         assert!(found.iter().all(|f| (f.mask.width, f.mask.height) == (40, 24) && f.mask.area() > 0));

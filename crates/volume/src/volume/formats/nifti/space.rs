@@ -5,7 +5,7 @@ use crate::data::calibration::AxisConvention;
 use crate::volume::directions::Directions;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::Grid;
-use crate::volume::source::{Physical, TimeAxis};
+use crate::volume::source::{PhysicalMetadata, TimeAxis};
 use nifti::NiftiHeader;
 use std::path::Path;
 
@@ -24,7 +24,7 @@ pub(super) fn read(
     dims: [usize; 3],
     steps: usize,
     notes: &mut Vec<String>,
-) -> Result<(Grid, Physical), VolumeError> {
+) -> Result<(Grid, PhysicalMetadata), VolumeError> {
     let spacing = pixdim(path, raw, notes)?;
     let (grid, axes) = if raw.sform_code > 0 {
         (sform(path, raw, dims, spacing, notes)?, Some(AxisConvention::RightAnteriorSuperior))
@@ -42,7 +42,7 @@ pub(super) fn read(
         _ => None,
     };
     let length_unit = length_unit.map(str::to_owned);
-    Ok((grid, Physical { length_unit, axes, time: time(raw).filter(|_| steps > 1) }))
+    Ok((grid, PhysicalMetadata { length_unit, axes, time: time(raw).filter(|_| steps > 1) }))
 }
 
 /// The spacings of `pixdim`.

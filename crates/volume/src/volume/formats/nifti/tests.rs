@@ -49,7 +49,7 @@ fn with<T>(name: &str, bytes: &[u8], f: impl FnOnce(&Path) -> T) -> T {
 }
 
 /// Opens and reads every step.
-fn load(name: &str, bytes: &[u8]) -> Result<(Header, Vec<Vec<f32>>), VolumeError> {
+fn load(name: &str, bytes: &[u8]) -> Result<(VolumeHeader, Vec<Vec<f32>>), VolumeError> {
     with(name, bytes, |path| {
         let file = open(path)?;
         let mut steps = Vec::new();

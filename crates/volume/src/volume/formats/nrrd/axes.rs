@@ -1,12 +1,12 @@
 //! Decides which axes of an NRRD file are space and which is time. Where the grid lies is read in `place`.
 
-use super::text::Text;
+use super::text::NrrdText;
 use crate::volume::error::VolumeError;
 use std::path::Path;
 
 /// The axes of a file.
 #[derive(Debug)]
-pub struct Axes {
+pub struct NrrdAxes {
     /// Voxels along x, y, z.
     pub dims: [u64; 3],
     /// Time steps.
@@ -38,12 +38,12 @@ fn role(kind: &str) -> Role {
     }
 }
 
-impl Axes {
+impl NrrdAxes {
     /// Reads `dimension`, `sizes`, `kinds` and `space directions`.
     ///
     /// # Errors
     /// Not three axes of space and at most one of time, several components per voxel, or a malformed field.
-    pub fn read(path: &Path, text: &Text) -> Result<Self, VolumeError> {
+    pub fn read(path: &Path, text: &NrrdText) -> Result<Self, VolumeError> {
         let bad = |field: &str, problem: String, hint: &str| VolumeError::invalid(path, field, problem, hint);
         let dimension = text.need(path, "dimension")?;
         let Some(n) = dimension.parse::<usize>().ok().filter(|n| matches!(n, 3 | 4)) else {

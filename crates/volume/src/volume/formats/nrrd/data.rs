@@ -18,7 +18,7 @@ const BLOCK: u64 = 1 << 20;
 
 /// How values are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Encoding {
+pub enum NrrdEncoding {
     /// Uncompressed.
     Raw,
     /// Compressed.
@@ -29,13 +29,13 @@ pub enum Encoding {
 
 /// Where the values are and how they are stored.
 #[derive(Debug)]
-pub struct Data {
+pub struct NrrdData {
     /// The data files, or the one file itself.
     pub files: Vec<PathBuf>,
     /// Bytes of header before the data, in each file.
     pub base: u64,
     /// How values are stored.
-    pub encoding: Encoding,
+    pub encoding: NrrdEncoding,
     /// Scalar type.
     pub scalar: ScalarType,
     /// Byte order.
@@ -50,7 +50,7 @@ pub struct Data {
 
 /// The values numbered `first + i * stride`, `i` below `count`, counted over all files.
 #[derive(Clone, Copy, Debug)]
-pub struct Selection {
+pub struct ValueSelection {
     /// Number of the first value.
     pub first: u64,
     /// Distance between the values, at least 1.
@@ -59,7 +59,7 @@ pub struct Selection {
     pub count: usize,
 }
 
-impl Selection {
+impl ValueSelection {
     /// The `i` of those among the `n` values from number `from` on, and the position of the first of them there.
     fn part(&self, from: u64, n: u64) -> Option<(Range<usize>, usize)> {
         let until = |end: u64| end.saturating_sub(self.first).div_ceil(self.stride).min(self.count as u64);
@@ -72,7 +72,7 @@ impl Selection {
     }
 }
 
-impl Data {
+impl NrrdData {
     /// Checks that each data file exists and can hold what the header claims, before anything is allocated.
     ///
     /// # Errors
@@ -87,10 +87,10 @@ impl Data {
             let len = common::open_file(file)?.1.saturating_sub(self.base);
             let needed = self.bytes().saturating_add(self.byte_skip.unwrap_or(0));
             match self.encoding {
-                Encoding::Raw if self.line_skip == 0 => self.check_raw(file, len)?,
-                Encoding::Raw => self.at_most(file, needed, len, "raw")?,
-                Encoding::Gzip => self.at_most(file, needed, len.saturating_mul(MAX_EXPANSION), "gzip")?,
-                Encoding::Ascii => self.at_most(file, self.per_file, len / 2 + 1, "ASCII")?,
+                NrrdEncoding::Raw if self.line_skip == 0 => self.check_raw(file, len)?,
+                NrrdEncoding::Raw => self.at_most(file, needed, len, "raw")?,
+                NrrdEncoding::Gzip => self.at_most(file, needed, len.saturating_mul(MAX_EXPANSION), "gzip")?,
+                NrrdEncoding::Ascii => self.at_most(file, self.per_file, len / 2 + 1, "ASCII")?,
             }
         }
         Ok(())
@@ -131,16 +131,16 @@ impl Data {
     ///
     /// # Errors
     /// Truncated or damaged data, or more of it than the header says (detected when the last values are read).
-    pub fn read(&self, chosen: Selection, out: &mut [f32]) -> Result<(), VolumeError> {
+    pub fn read(&self, chosen: ValueSelection, out: &mut [f32]) -> Result<(), VolumeError> {
         for (file, i) in self.files.iter().zip(0u64..) {
             let from = i * self.per_file;
             if from + self.per_file <= chosen.first || from >= chosen.end() {
                 continue;
             }
             match self.encoding {
-                Encoding::Raw => self.read_raw(file, from, chosen, out)?,
-                Encoding::Gzip => self.read_gzip(file, from, chosen, out)?,
-                Encoding::Ascii => self.read_ascii(file, from, chosen, out)?,
+                NrrdEncoding::Raw => self.read_raw(file, from, chosen, out)?,
+                NrrdEncoding::Gzip => self.read_gzip(file, from, chosen, out)?,
+                NrrdEncoding::Ascii => self.read_ascii(file, from, chosen, out)?,
             }
         }
         Ok(())
@@ -159,7 +159,7 @@ impl Data {
         VolumeError::invalid(file, "line skip", problem, "correct the header")
     }
 
-    fn read_raw(&self, file: &Path, from: u64, chosen: Selection, out: &mut [f32]) -> Result<(), VolumeError> {
+    fn read_raw(&self, file: &Path, from: u64, chosen: ValueSelection, out: &mut [f32]) -> Result<(), VolumeError> {
         let len = common::open_file(file)?.1.saturating_sub(self.base);
         let map = common::map(file, self.base, len)?;
         let bytes = self.rest(file, &map)?;
@@ -171,7 +171,7 @@ impl Data {
         Ok(())
     }
 
-    fn read_gzip(&self, file: &Path, from: u64, chosen: Selection, out: &mut [f32]) -> Result<(), VolumeError> {
+    fn read_gzip(&self, file: &Path, from: u64, chosen: ValueSelection, out: &mut [f32]) -> Result<(), VolumeError> {
         let io = |e| VolumeError::io(file, "read the file", e, "check the disk");
         let damaged = |e: std::io::Error| {
             if e.kind() == ErrorKind::UnexpectedEof {
@@ -216,7 +216,7 @@ impl Data {
         Ok(())
     }
 
-    fn read_ascii(&self, file: &Path, from: u64, chosen: Selection, out: &mut [f32]) -> Result<(), VolumeError> {
+    fn read_ascii(&self, file: &Path, from: u64, chosen: ValueSelection, out: &mut [f32]) -> Result<(), VolumeError> {
         let len = common::open_file(file)?.1.saturating_sub(self.base);
         let map = common::map(file, self.base, len)?;
         let bytes = self.rest(file, &map)?;

@@ -8,19 +8,19 @@ mod place;
 mod tests;
 mod text;
 
-use super::common::{self, Shape};
+use super::common::{self, VolumeShape};
 use super::decode::Endian;
 use crate::files::leads_out;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::Grid;
-use crate::volume::source::{Header, VolumeFile};
-use axes::Axes;
-use data::{Data, Encoding, Selection};
-use place::Place;
+use crate::volume::source::{VolumeFile, VolumeHeader};
+use axes::NrrdAxes;
+use data::{NrrdData, NrrdEncoding, ValueSelection};
+use place::NrrdPlacement;
 use std::io::Read;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use text::Text;
+use text::NrrdText;
 
 /// Maximum length of a header, even of one that lists thousands of data files.
 const MAX_HEADER: u64 = 1 << 22;
@@ -31,10 +31,10 @@ const MAX_UNPACKED: f64 = 1e13;
 #[derive(Debug)]
 struct Nrrd {
     path: PathBuf,
-    header: Header,
-    shape: Shape,
+    header: VolumeHeader,
+    shape: VolumeShape,
     time_first: bool,
-    data: Data,
+    data: NrrdData,
 }
 
 /// Opens an NRRD file: reads its header and checks the sizes of its data files.
@@ -54,12 +54,12 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
             break;
         }
     }
-    let text = Text::parse(path, &bytes)?;
+    let text = NrrdText::parse(path, &bytes)?;
     if text.end.is_none() && bytes.len() as u64 == MAX_HEADER {
         let problem = format!("does not end within {MAX_HEADER} bytes");
         return Err(bad("header", problem, "end it with a blank line"));
     }
-    let axes = Axes::read(path, &text)?;
+    let axes = NrrdAxes::read(path, &text)?;
 
     let name = text.need(path, "type")?;
     let scalar = common::scalar_from_name(name).ok_or_else(|| {
@@ -67,15 +67,15 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
         bad("type", format!("\"{name}\" is not supported"), hint)
     })?;
     let encoding = match text.need(path, "encoding")?.to_ascii_lowercase().as_str() {
-        "raw" => Encoding::Raw,
-        "gz" | "gzip" => Encoding::Gzip,
-        "txt" | "text" | "ascii" => Encoding::Ascii,
+        "raw" => NrrdEncoding::Raw,
+        "gz" | "gzip" => NrrdEncoding::Gzip,
+        "txt" | "text" | "ascii" => NrrdEncoding::Ascii,
         other => return Err(bad("encoding", format!("\"{other}\" is not supported"), "save it as raw, gzip or ascii")),
     };
     let endian = match text.get("endian").map(str::to_ascii_lowercase).as_deref() {
         Some("little") => Endian::Little,
         Some("big") => Endian::Big,
-        None if scalar.bytes() == 1 || encoding == Encoding::Ascii => Endian::Little,
+        None if scalar.bytes() == 1 || encoding == NrrdEncoding::Ascii => Endian::Little,
         None => return Err(bad("endian", "is not given".into(), "add \"endian: little\" or \"endian: big\"")),
         Some(other) => return Err(bad("endian", format!("\"{other}\" is not a byte order"), "use little or big")),
     };
@@ -85,14 +85,14 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
     };
     let byte_skip = match text.get("byteskip").map(str::parse::<i64>).transpose() {
         Ok(None) => Some(0),
-        Ok(Some(-1)) if encoding == Encoding::Raw => None,
+        Ok(Some(-1)) if encoding == NrrdEncoding::Raw => None,
         Ok(Some(n)) if n >= 0 => Some(n as u64),
         _ => {
             return Err(bad("byte skip", "is not a number of bytes".into(), "give 0 or more, or -1 with raw encoding"));
         }
     };
 
-    let shape = Shape::new(path, "sizes", axes.dims, axes.steps, scalar)?;
+    let shape = VolumeShape::new(path, "sizes", axes.dims, axes.steps, scalar)?;
     let values = shape.total_bytes / scalar.bytes() as u64;
     let (files, base) = if text.files.is_empty() {
         let hint = "end the header with a blank line before the data, or name a \"data file\"";
@@ -106,25 +106,26 @@ pub fn open(path: &Path) -> Result<Box<dyn VolumeFile>, VolumeError> {
         let problem = format!("{values} values cannot be divided evenly among {count} files");
         return Err(bad("data file", problem, "name one file per entry of the last axis"));
     }
-    let data = Data { files, base, encoding, scalar, endian, line_skip, byte_skip, per_file: values / count };
+    let data = NrrdData { files, base, encoding, scalar, endian, line_skip, byte_skip, per_file: values / count };
     data.check(path)?;
-    if axes.first == 1 && encoding == Encoding::Gzip && shape.total_bytes as f64 * shape.steps as f64 > MAX_UNPACKED {
+    if axes.first == 1 && encoding == NrrdEncoding::Gzip && shape.total_bytes as f64 * shape.steps as f64 > MAX_UNPACKED
+    {
         let problem =
             format!("time is the fastest axis, so each of the {} steps decompresses the whole file", shape.steps);
         return Err(bad("encoding", problem, "save it as raw, or with time as the last axis"));
     }
 
-    let place = Place::read(path, &text, &axes)?;
+    let place = NrrdPlacement::read(path, &text, &axes)?;
     let grid = Grid { dims: shape.dims, ..place.grid };
     let outside = text.files.iter().find(|file| leads_out(Path::new(file)));
     let outside = outside.map(|file| format!("the data file {file} is not in the folder of its header"));
     let notes = text.notes.into_iter().chain(axes.notes).chain(place.notes).chain(outside).collect();
-    let header = Header { grid, scalar, steps: shape.steps, physical: place.physical, notes };
+    let header = VolumeHeader { grid, scalar, steps: shape.steps, physical: place.physical, notes };
     Ok(Box::new(Nrrd { path: path.to_owned(), header, shape, time_first: axes.first == 1, data }))
 }
 
 impl VolumeFile for Nrrd {
-    fn header(&self) -> &Header {
+    fn header(&self) -> &VolumeHeader {
         &self.header
     }
 
@@ -133,9 +134,9 @@ impl VolumeFile for Nrrd {
         common::prepare(&self.path, out, self.shape.voxels)?;
         let (step, count) = (step as u64, self.shape.voxels);
         let chosen = if self.time_first {
-            Selection { first: step, stride: self.shape.steps as u64, count }
+            ValueSelection { first: step, stride: self.shape.steps as u64, count }
         } else {
-            Selection { first: step * count as u64, stride: 1, count }
+            ValueSelection { first: step * count as u64, stride: 1, count }
         };
         self.data.read(chosen, out)
     }
@@ -150,7 +151,7 @@ impl VolumeFile for Nrrd {
         if !self.time_first {
             common::prepare(&self.path, out, voxels.saturating_mul(steps.len()))?;
             let first = steps.start as u64 * voxels as u64;
-            return self.data.read(Selection { first, stride: 1, count: out.len() }, out);
+            return self.data.read(ValueSelection { first, stride: 1, count: out.len() }, out);
         }
         if steps.len() < all {
             let mut one = Vec::new();
@@ -164,7 +165,7 @@ impl VolumeFile for Nrrd {
         // as stored, the steps of each voxel lie together
         let mut stored = Vec::new();
         common::prepare(&self.path, &mut stored, voxels.saturating_mul(all))?;
-        self.data.read(Selection { first: 0, stride: 1, count: stored.len() }, &mut stored)?;
+        self.data.read(ValueSelection { first: 0, stride: 1, count: stored.len() }, &mut stored)?;
         common::reserve(&self.path, out, voxels.saturating_mul(steps.len()))?;
         out.extend(steps.flat_map(|step| stored.iter().skip(step).step_by(all)));
         Ok(())

@@ -1,13 +1,13 @@
 //! Where the grid of an NRRD file lies in space and its steps in time, and in which units.
 
 use super::super::common;
-use super::axes::{Axes, vectors};
-use super::text::Text;
+use super::axes::{NrrdAxes, vectors};
+use super::text::NrrdText;
 use crate::data::calibration::AxisConvention;
 use crate::volume::directions::Directions;
 use crate::volume::error::VolumeError;
 use crate::volume::grid::Grid;
-use crate::volume::source::{Physical, TimeAxis, VOXELS};
+use crate::volume::source::{PhysicalMetadata, TimeAxis, VOXELS};
 use std::path::Path;
 
 /// The longest name of a unit; longer ones are something else.
@@ -15,28 +15,28 @@ const MAX_UNIT: usize = 32;
 
 /// The place of the voxels and steps of a file.
 #[derive(Debug)]
-pub struct Place {
+pub struct NrrdPlacement {
     /// The grid, but for its number of voxels.
     pub grid: Grid,
     /// What it is in.
-    pub physical: Physical,
+    pub physical: PhysicalMetadata,
     /// What was assumed or converted.
     pub notes: Vec<String>,
 }
 
 /// The meaning of a `space`: the convention, and the coordinates that change their sign for a right-handed one.
 #[derive(Debug, Default, PartialEq)]
-struct Space {
+struct NrrdSpace {
     axes: Option<AxisConvention>,
     negated: [bool; 3],
 }
 
-impl Place {
+impl NrrdPlacement {
     /// Reads `space`, `spacings`, `space directions`, `space origin`, `axis mins` and the units.
     ///
     /// # Errors
     /// A malformed field, or axes that are not perpendicular.
-    pub fn read(path: &Path, text: &Text, axes: &Axes) -> Result<Self, VolumeError> {
+    pub fn read(path: &Path, text: &NrrdText, axes: &NrrdAxes) -> Result<Self, VolumeError> {
         let bad = |field: &str, problem: String, hint: &str| VolumeError::invalid(path, field, problem, hint);
         let mut notes = Vec::new();
         let space = space_of(text, &mut notes);
@@ -96,7 +96,7 @@ impl Place {
         };
         let grid =
             Grid { dims: [1; 3], spacing, origin: common::check_origin(path, "space origin", origin)?, directions };
-        let units = Units::read(text);
+        let units = NrrdUnits::read(text);
         let length_unit = match units.length(axes.first) {
             Ok(None) if unplaced => Some(VOXELS.to_owned()),
             Ok(unit) => unit,
@@ -116,12 +116,12 @@ impl Place {
             let start = start.filter(|t| t.is_finite()).unwrap_or(0.0);
             (step.is_finite() && step > 0.0).then(|| TimeAxis { start, step, unit: units.time(axis) })
         });
-        Ok(Self { grid, physical: Physical { length_unit, axes: space.axes, time }, notes })
+        Ok(Self { grid, physical: PhysicalMetadata { length_unit, axes: space.axes, time }, notes })
     }
 }
 
 /// The numbers of a field, one for each axis of the file.
-fn numbers(path: &Path, text: &Text, field: &str, axes: &Axes) -> Result<Option<Vec<f64>>, VolumeError> {
+fn numbers(path: &Path, text: &NrrdText, field: &str, axes: &NrrdAxes) -> Result<Option<Vec<f64>>, VolumeError> {
     let n = if axes.other.is_some() { 4 } else { 3 };
     let Some(given) = text.get(field) else { return Ok(None) };
     let values: Result<Vec<f64>, _> = given.split_whitespace().map(str::parse).collect();
@@ -133,11 +133,11 @@ fn numbers(path: &Path, text: &Text, field: &str, axes: &Axes) -> Result<Option<
 
 /// The space of a header. One that is left-handed is converted to the right-handed one that differs in a sign, so that
 /// nothing is mirrored.
-fn space_of(text: &Text, notes: &mut Vec<String>) -> Space {
-    let Some(name) = text.get("space") else { return Space::default() };
+fn space_of(text: &NrrdText, notes: &mut Vec<String>) -> NrrdSpace {
+    let Some(name) = text.get("space") else { return NrrdSpace::default() };
     let Some(space) = space(name) else {
         notes.push(format!("space \"{name}\" is not known: its axes are taken as right-handed, without meaning"));
-        return Space::default();
+        return NrrdSpace::default();
     };
     let names = ["x", "y", "z"];
     let negated: Vec<&str> = (0..3).filter(|c| space.negated[*c]).map(|c| names[c]).collect();
@@ -149,11 +149,11 @@ fn space_of(text: &Text, notes: &mut Vec<String>) -> Space {
 }
 
 /// The meaning of a name of the format, in its long or short form, with time or not.
-fn space(name: &str) -> Option<Space> {
+fn space(name: &str) -> Option<NrrdSpace> {
     let name = name.to_ascii_lowercase();
     let letters = match name.strip_suffix("-time").unwrap_or(&name) {
-        "scanner-xyz" | "3d-right-handed" | "3dr" => return Some(Space::default()),
-        "3d-left-handed" | "3dl" => return Some(Space { axes: None, negated: [false, false, true] }),
+        "scanner-xyz" | "3d-right-handed" | "3dr" => return Some(NrrdSpace::default()),
+        "3d-left-handed" | "3dl" => return Some(NrrdSpace { axes: None, negated: [false, false, true] }),
         short if matches!(short.len(), 3 | 4) && (short.len() == 3 || short.ends_with('t')) => short[..3].to_owned(),
         long => long.split('-').map(|word| word.get(..1).unwrap_or(" ")).collect(),
     };
@@ -168,21 +168,21 @@ fn space(name: &str) -> Option<Space> {
         _ => return None,
     };
     Some(match signs {
-        [true, true, false] => Space { axes: Some(AxisConvention::LeftPosteriorSuperior), negated: [false; 3] },
-        negated => Space { axes: Some(AxisConvention::RightAnteriorSuperior), negated },
+        [true, true, false] => NrrdSpace { axes: Some(AxisConvention::LeftPosteriorSuperior), negated: [false; 3] },
+        negated => NrrdSpace { axes: Some(AxisConvention::RightAnteriorSuperior), negated },
     })
 }
 
 /// The units of a header.
-struct Units {
+struct NrrdUnits {
     /// Of space, one for each of its axes.
     space: Vec<Option<String>>,
     /// Of the axes of the file.
     axes: Vec<Option<String>>,
 }
 
-impl Units {
-    fn read(text: &Text) -> Self {
+impl NrrdUnits {
+    fn read(text: &NrrdText) -> Self {
         let of = |field: &str| text.get(field).map_or(Vec::new(), quoted);
         Self { space: of("spaceunits"), axes: of("units") }
     }
@@ -230,7 +230,7 @@ mod tests {
     #[test]
     fn spaces_have_long_and_short_names() {
         use AxisConvention::{LeftPosteriorSuperior as Lps, RightAnteriorSuperior as Ras};
-        let with = |axes, negated| Some(Space { axes, negated });
+        let with = |axes, negated| Some(NrrdSpace { axes, negated });
         for name in ["left-posterior-superior", "LPS", "Left-Posterior-Superior-Time", "lpst"] {
             assert_eq!(space(name), with(Some(Lps), [false; 3]), "{name}");
         }

@@ -5,7 +5,7 @@ use super::super::tests::{all, dir, endians, mutated, refused, scalars, stored, 
 use super::*;
 use crate::data::calibration::AxisConvention;
 use crate::volume::directions::Directions;
-use crate::volume::source::{Physical, TimeAxis};
+use crate::volume::source::{PhysicalMetadata, TimeAxis};
 use flate2::{Compression, write::GzEncoder};
 use proptest::prelude::*;
 use std::fs::write;
@@ -51,10 +51,10 @@ fn space_units_and_times_are_kept() {
         open(&p).unwrap().header().clone()
     };
     let flipped = "space directions: (-2,0,0) (0,0,3) (0,-0.5,0)\nspace origin: (30,40,-7)";
-    let steps = |h: &Header| h.grid.steps().to_cols_array_2d();
+    let steps = |h: &VolumeHeader| h.grid.steps().to_cols_array_2d();
     let ras = read(&format!("space: RAS\n{flipped}\nspace units: \"mm\" \"mm\" \"mm\""));
     assert_eq!(steps(&ras), [[-2.0, 0.0, 0.0], [0.0, 0.0, 3.0], [0.0, -0.5, 0.0]]);
-    let Physical { length_unit, axes, time } = &ras.physical;
+    let PhysicalMetadata { length_unit, axes, time } = &ras.physical;
     let known = (length_unit.as_deref(), *axes, time);
     assert_eq!(known, (Some("mm"), Some(AxisConvention::RightAnteriorSuperior), &None));
     assert!(ras.notes.is_empty(), "{:?}", ras.notes);

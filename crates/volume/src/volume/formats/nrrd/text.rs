@@ -53,7 +53,7 @@ const MAX_FILES: usize = 1 << 20;
 
 /// A header as text.
 #[derive(Debug, Default)]
-pub struct Text {
+pub struct NrrdText {
     /// Values by field name in lower case without spaces.
     fields: BTreeMap<String, String>,
     /// Names of the data files; empty where the data follow the header.
@@ -64,7 +64,7 @@ pub struct Text {
     pub notes: Vec<String>,
 }
 
-impl Text {
+impl NrrdText {
     /// Splits the start of a file into fields.
     ///
     /// # Errors

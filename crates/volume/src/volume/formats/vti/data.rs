@@ -1,7 +1,7 @@
 //! The numbers of a `.vti` array: ascii, base64 or raw, plain or in compressed blocks. Where the array lies and how
 //! many values it must hold is decided by the caller; nothing here is allocated because of a block header alone.
 
-use crate::memory::Budget;
+use crate::memory::MemoryBudget;
 use crate::volume::formats::decode::{Endian, parse};
 use crate::volume::formats::stream::{damaged, read_values, reserve};
 use crate::volume::grid::ScalarType;
@@ -11,7 +11,7 @@ use std::io::{self, BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom};
 
 /// How bytes are encoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Encoding {
+pub(super) enum VtiEncoding {
     Ascii,
     Base64,
     Raw,
@@ -27,12 +27,12 @@ pub(super) enum Packing {
 
 /// Where the values of one array lie and how to read them.
 #[derive(Clone, Debug)]
-pub(super) struct Layout {
+pub(super) struct ArrayLayout {
     /// First byte of the array in the file.
     pub start: u64,
     /// Bytes that may belong to it, as encoded in the file.
     pub len: u64,
-    pub encoding: Encoding,
+    pub encoding: VtiEncoding,
     pub packing: Packing,
     /// Block headers are 64-bit words, else 32-bit.
     pub wide: bool,
@@ -43,18 +43,18 @@ pub(super) struct Layout {
 }
 
 /// Appends the values to `out`.
-pub(super) fn read(file: File, layout: &Layout, out: &mut Vec<f32>) -> io::Result<()> {
+pub(super) fn read(file: File, layout: &ArrayLayout, out: &mut Vec<f32>) -> io::Result<()> {
     let mut file = BufReader::with_capacity(64 * 1024, file);
     file.seek(SeekFrom::Start(layout.start))?;
     let src = file.take(layout.len);
     match layout.encoding {
-        Encoding::Ascii => ascii(src, layout, out),
-        Encoding::Base64 => binary(Base64::new(src), layout, out),
-        Encoding::Raw => binary(src, layout, out),
+        VtiEncoding::Ascii => ascii(src, layout, out),
+        VtiEncoding::Base64 => binary(Base64::new(src), layout, out),
+        VtiEncoding::Raw => binary(src, layout, out),
     }
 }
 
-fn ascii(mut src: impl BufRead, layout: &Layout, out: &mut Vec<f32>) -> io::Result<()> {
+fn ascii(mut src: impl BufRead, layout: &ArrayLayout, out: &mut Vec<f32>) -> io::Result<()> {
     reserve(out, layout.count)?;
     let mut token = Vec::new();
     loop {
@@ -83,7 +83,7 @@ fn ascii(mut src: impl BufRead, layout: &Layout, out: &mut Vec<f32>) -> io::Resu
 }
 
 /// Ends a token: nothing, or one value of the array's type.
-fn number(token: &mut Vec<u8>, layout: &Layout, out: &mut Vec<f32>) -> io::Result<()> {
+fn number(token: &mut Vec<u8>, layout: &ArrayLayout, out: &mut Vec<f32>) -> io::Result<()> {
     if token.is_empty() {
         return Ok(());
     }
@@ -99,8 +99,8 @@ fn number(token: &mut Vec<u8>, layout: &Layout, out: &mut Vec<f32>) -> io::Resul
     Ok(())
 }
 
-fn binary(mut src: impl Read, layout: &Layout, out: &mut Vec<f32>) -> io::Result<()> {
-    let Layout { kind, endian, count, .. } = *layout;
+fn binary(mut src: impl Read, layout: &ArrayLayout, out: &mut Vec<f32>) -> io::Result<()> {
+    let ArrayLayout { kind, endian, count, .. } = *layout;
     let needed = (count * kind.bytes()) as u64;
     if layout.packing == Packing::Plain {
         let size = word(&mut src, layout)?;
@@ -113,7 +113,7 @@ fn binary(mut src: impl Read, layout: &Layout, out: &mut Vec<f32>) -> io::Result
 }
 
 /// One word of a block header.
-fn word(src: &mut impl Read, layout: &Layout) -> io::Result<u64> {
+fn word(src: &mut impl Read, layout: &ArrayLayout) -> io::Result<u64> {
     let mut bytes = [0u8; 8];
     let n = if layout.wide { 8 } else { 4 };
     src.read_exact(&mut bytes[..n])?;
@@ -142,7 +142,7 @@ struct Blocks<R> {
 impl<R: Read> Blocks<R> {
     /// Reads the header: number of blocks, decompressed size of each, of the last if shorter (else 0), compressed
     /// sizes.
-    fn new(mut src: R, layout: &Layout, needed: u64) -> io::Result<Self> {
+    fn new(mut src: R, layout: &ArrayLayout, needed: u64) -> io::Result<Self> {
         let [blocks, full, partial] = [word(&mut src, layout)?, word(&mut src, layout)?, word(&mut src, layout)?];
         let last = if partial == 0 { full } else { partial };
         let total = blocks.checked_sub(1).and_then(|n| n.checked_mul(full)).and_then(|n| n.checked_add(last));
@@ -154,7 +154,7 @@ impl<R: Read> Blocks<R> {
         // both sizes are at most `needed`, which the caller checked against the file; compressed, at most the rest of
         // the file
         let at_once = u128::from(full).saturating_add(u128::from(full.min(layout.len)));
-        let free = Budget::now().check(format!("blocks of {full} bytes"), at_once);
+        let free = MemoryBudget::now().check(format!("blocks of {full} bytes"), at_once);
         free.map_err(|e| io::Error::new(ErrorKind::OutOfMemory, e))?;
         let mut packed = Vec::new();
         for _ in 0..blocks {

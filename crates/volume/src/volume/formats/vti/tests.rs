@@ -100,7 +100,7 @@ fn small(content: &str) -> Vec<u8> {
     .into_bytes()
 }
 
-fn load(bytes: &[u8]) -> Result<(Header, Vec<f32>), VolumeError> {
+fn load(bytes: &[u8]) -> Result<(VolumeHeader, Vec<f32>), VolumeError> {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("a.vti");
     std::fs::write(&path, bytes).unwrap();
@@ -116,7 +116,7 @@ fn message(bytes: &[u8]) -> String {
 }
 
 /// The result for a file with one piece of text changed.
-fn changed(bytes: &[u8], from: &str, to: &str) -> Result<(Header, Vec<f32>), VolumeError> {
+fn changed(bytes: &[u8], from: &str, to: &str) -> Result<(VolumeHeader, Vec<f32>), VolumeError> {
     let at = bytes.windows(from.len()).position(|w| w == from.as_bytes()).unwrap();
     load(&[&bytes[..at], to.as_bytes(), &bytes[at + from.len()..]].concat())
 }

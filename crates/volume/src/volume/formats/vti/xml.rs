@@ -12,7 +12,7 @@ use std::path::Path;
 
 /// The content of the markup.
 #[derive(Debug)]
-pub(super) struct Document {
+pub(super) struct VtiDocument {
     pub endian: Endian,
     /// Block headers are 64-bit words.
     pub wide: bool,
@@ -20,8 +20,8 @@ pub(super) struct Document {
     pub compressor: String,
     pub image: Image,
     pub piece_extent: [i32; 6],
-    pub point: Section,
-    pub cell: Section,
+    pub point: ArraySection,
+    pub cell: ArraySection,
     /// First byte of the appended data (after `_`), and whether it is raw (else base64).
     pub appended: Option<(u64, bool)>,
 }
@@ -39,7 +39,7 @@ pub(super) struct Image {
 
 /// The arrays of `PointData` or `CellData`.
 #[derive(Debug, Default)]
-pub(super) struct Section {
+pub(super) struct ArraySection {
     /// Value of the attribute `Scalars`.
     pub active: Option<String>,
     pub arrays: Vec<Array>,
@@ -66,7 +66,7 @@ pub(super) fn kind(name: &str) -> Option<ScalarType> {
 const REWRITE: &str = "the file is damaged or truncated: copy or write it again";
 
 /// Reads the markup up to the appended data or the end.
-pub(super) fn parse(path: &Path, mut src: impl BufRead) -> Result<Document, VolumeError> {
+pub(super) fn parse(path: &Path, mut src: impl BufRead) -> Result<VtiDocument, VolumeError> {
     let refused = |e| VolumeError::io(path, "read the file", e, "check the file system");
     // The XML reader skips a byte order mark without counting it.
     let mark = if src.fill_buf().map_err(refused)?.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 };
@@ -74,7 +74,7 @@ pub(super) fn parse(path: &Path, mut src: impl BufRead) -> Result<Document, Volu
     let mark = mark as u64;
     let mut reader = Reader::from_reader(src);
     reader.config_mut().expand_empty_elements = true;
-    let mut state = State::default();
+    let mut state = XmlState::default();
     let mut buf = Vec::new();
     loop {
         let before = mark + reader.buffer_position();
@@ -91,7 +91,7 @@ pub(super) fn parse(path: &Path, mut src: impl BufRead) -> Result<Document, Volu
             Event::Start(tag) => {
                 let name = tag.local_name().as_ref().to_owned();
                 if name == "AppendedData" {
-                    let raw = Attributes::of(path, &name, &tag)?.get("encoding").is_some_and(|e| e == "raw");
+                    let raw = XmlAttributes::of(path, &name, &tag)?.get("encoding").is_some_and(|e| e == "raw");
                     let start = mark + reader.buffer_position();
                     state.appended = Some((underscore(path, reader.into_inner(), start)?, raw));
                     break;
@@ -129,15 +129,15 @@ fn underscore(path: &Path, src: impl BufRead, start: u64) -> Result<u64, VolumeE
 
 /// The parser's state.
 #[derive(Debug, Default)]
-struct State {
+struct XmlState {
     kind_seen: bool,
     big_endian: bool,
     wide: bool,
     compressor: String,
     image: Option<Image>,
     piece: Option<[i32; 6]>,
-    point: Section,
-    cell: Section,
+    point: ArraySection,
+    cell: ArraySection,
     /// Inside `PointData` (false) or `CellData` (true).
     section: Option<bool>,
     array: Option<Array>,
@@ -146,7 +146,7 @@ struct State {
     appended: Option<(u64, bool)>,
 }
 
-impl State {
+impl XmlState {
     fn start(&mut self, path: &Path, name: &str, tag: &BytesStart<'_>) -> Result<(), VolumeError> {
         if self.array.is_some() {
             self.inside += 1;
@@ -157,9 +157,9 @@ impl State {
             return bad("VTKFile", format!("the file starts with <{name}>"), "give a .vti file (VTK XML image data)");
         }
         match name {
-            "VTKFile" => self.file(path, &Attributes::of(path, name, tag)?)?,
+            "VTKFile" => self.file(path, &XmlAttributes::of(path, name, tag)?)?,
             "ImageData" => {
-                let at = Attributes::of(path, name, tag)?;
+                let at = XmlAttributes::of(path, name, tag)?;
                 let extent = at.numbers("WholeExtent")?.ok_or_else(|| at.missing("WholeExtent"))?;
                 let spacing = at.numbers("Spacing")?.unwrap_or([1.0; 3]);
                 let origin = at.numbers("Origin")?.unwrap_or([0.0; 3]);
@@ -171,17 +171,17 @@ impl State {
                 if self.piece.is_some() {
                     return bad("Piece", "more than one piece".to_owned(), "write the image as one piece");
                 }
-                let at = Attributes::of(path, name, tag)?;
+                let at = XmlAttributes::of(path, name, tag)?;
                 let whole = self.image.map(|image| image.extent);
                 self.piece = Some(at.numbers("Extent")?.or(whole).ok_or_else(|| at.missing("Extent"))?);
             }
             "PointData" | "CellData" if self.piece.is_some() => {
-                let active = Attributes::of(path, name, tag)?.get("Scalars").map(str::to_owned);
+                let active = XmlAttributes::of(path, name, tag)?.get("Scalars").map(str::to_owned);
                 self.section = Some(name == "CellData");
                 self.current().active = active;
             }
             "DataArray" if self.section.is_some() => {
-                let at = Attributes::of(path, name, tag)?;
+                let at = XmlAttributes::of(path, name, tag)?;
                 let text = |key: &str, default: &str| at.get(key).unwrap_or(default).to_owned();
                 self.array = Some(Array {
                     name: text("Name", ""),
@@ -198,7 +198,7 @@ impl State {
         Ok(())
     }
 
-    fn file(&mut self, path: &Path, at: &Attributes<'_>) -> Result<(), VolumeError> {
+    fn file(&mut self, path: &Path, at: &XmlAttributes<'_>) -> Result<(), VolumeError> {
         let bad = |field: &str, value: &str, hint: &str| {
             Err(VolumeError::invalid(path, field, format!("cannot read \"{value}\""), hint))
         };
@@ -222,7 +222,7 @@ impl State {
         Ok(())
     }
 
-    fn current(&mut self) -> &mut Section {
+    fn current(&mut self) -> &mut ArraySection {
         if self.section == Some(true) { &mut self.cell } else { &mut self.point }
     }
 
@@ -252,7 +252,7 @@ impl State {
         }
     }
 
-    fn finish(self, path: &Path) -> Result<Document, VolumeError> {
+    fn finish(self, path: &Path) -> Result<VtiDocument, VolumeError> {
         let missing = |field: &str| {
             VolumeError::invalid(path, field, "the file has none", "write the image again as a serial .vti file")
         };
@@ -260,18 +260,18 @@ impl State {
         let piece_extent = self.piece.ok_or_else(|| missing("Piece"))?;
         let endian = if self.big_endian { Endian::Big } else { Endian::Little };
         let Self { wide, compressor, point, cell, appended, .. } = self;
-        Ok(Document { endian, wide, compressor, image, piece_extent, point, cell, appended })
+        Ok(VtiDocument { endian, wide, compressor, image, piece_extent, point, cell, appended })
     }
 }
 
 /// The attributes of one element.
-struct Attributes<'a> {
+struct XmlAttributes<'a> {
     path: &'a Path,
     element: String,
     list: Vec<(String, String)>,
 }
 
-impl<'a> Attributes<'a> {
+impl<'a> XmlAttributes<'a> {
     fn of(path: &'a Path, element: &str, tag: &BytesStart<'_>) -> Result<Self, VolumeError> {
         let bad = |e: String| VolumeError::invalid(path, element, format!("bad attribute: {e}"), REWRITE);
         let mut list = Vec::new();
