@@ -1,8 +1,8 @@
 //! `volseggs lpips`
 
 use super::{CliError, print_json};
+use crate::lpips_weights::{Input, convert};
 use crate::memory::Bytes;
-use crate::metrics::lpips::convert::{Input, convert};
 use crate::shell;
 use clap::Args;
 use std::path::PathBuf;
