@@ -1,5 +1,6 @@
 //! Reads named tensors from the formats in which networks are published: PyTorch state dicts in both containers of
-//! `torch.save`, by `pytorch-reader`, and safetensors. Nothing in a file is executed.
+//! `torch.save`, by `pytorch-reader`, and safetensors. Nothing in a file is executed,
+//! but one made to do harm can take far more memory than its size: the reader copies what a pickle repeats.
 
 #[cfg(test)]
 mod tests;
@@ -144,8 +145,8 @@ fn refusal(error: PytorchError) -> StateDictError {
         PytorchError::Pickle(e @ (PickleError::UnsupportedType(_) | PickleError::UnsupportedOpCode(_))) => {
             StateDictError::Unsupported(e.to_string().trim_end_matches('.').into())
         }
+        PytorchError::InvalidFormat(what) | PytorchError::Pickle(PickleError::InvalidData(what)) => damaged(&what),
         PytorchError::Pickle(e) => damaged(&e),
-        PytorchError::InvalidFormat(what) => damaged(&what),
         other => damaged(&other),
     }
 }

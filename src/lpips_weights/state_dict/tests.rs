@@ -166,7 +166,7 @@ fn descriptions_that_ask_for_too_much_are_refused() {
     assert!(open(&legacy(&[&deep(1000)[..], b"0s"].concat())).is_ok());
     // a long list that is copied repeatedly
     let mut bomb = b"ccollections\nOrderedDict\nq\x00](".to_vec();
-    bomb.extend(b"NN\x86".repeat(10_000));
+    bomb.extend(b"K\x01N\x86".repeat(10_000));
     bomb.extend(b"e\x85q\x01");
     bomb.extend(b"h\x00h\x01R".repeat(10_000));
     assert!(refusal(&legacy(&bomb)).contains("memo bomb"));
