@@ -55,6 +55,7 @@ pub mod compare;
 pub mod demo;
 pub mod eval;
 pub mod extend;
+pub mod lpips_weights;
 pub mod run;
 pub mod sweep;
 #[cfg(feature = "view")]

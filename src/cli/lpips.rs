@@ -1,8 +1,8 @@
 //! `volseggs lpips`
 
 use super::{CliError, print_json};
+use crate::lpips_weights::{InputFile, convert};
 use crate::memory::Bytes;
-use crate::metrics::lpips::convert::{InputFile, convert};
 use crate::shell;
 use clap::Args;
 use std::path::PathBuf;

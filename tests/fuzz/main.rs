@@ -34,6 +34,7 @@ mod tensors;
 mod transfer;
 mod views;
 mod volumes;
+mod weights;
 
 #[global_allocator]
 static ALLOCATOR: counting::Counting = counting::Counting;

@@ -1,12 +1,9 @@
 //! LPIPS v0.1, the learned perceptual distance of two images, with the AlexNet and VGG-16 backbones.
 //!
 //! This file holds the image path: scaling, feature maps, distance. `net` holds the layer tables, `weights` the reader
-//! of the weights file, and [`convert`] makes that file from the published ones, which `state_dict` reads. Weights are
-//! never downloaded: the caller names a local file.
+//! of the weights file. Weights are never downloaded: the caller names a local file.
 
-pub mod convert;
 mod net;
-mod state_dict;
 #[cfg(test)]
 mod tests;
 mod weights;
@@ -16,7 +13,6 @@ use burn::tensor::activation::relu;
 use burn::tensor::module::{conv2d, max_pool2d};
 use burn::tensor::ops::{ConvOptions, MaxPoolOptions};
 use burn::tensor::{DType, Device, Tensor, TensorData};
-pub use state_dict::StateDictError;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use weights::{LpipsConv, LpipsWeights};

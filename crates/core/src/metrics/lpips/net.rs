@@ -2,9 +2,6 @@
 
 use super::LpipsNet;
 
-/// Both nets.
-pub(super) const NETS: [LpipsNet; 2] = [LpipsNet::Alex, LpipsNet::Vgg];
-
 /// A convolution followed by a ReLU.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct ConvSpec {
@@ -58,13 +55,21 @@ const VGG: [ConvStage; 5] = [
 ];
 
 impl LpipsNet {
+    /// Both nets.
+    pub const ALL: [Self; 2] = [Self::Alex, Self::Vgg];
+
     /// The net whose first convolution has weights of this shape, which distinguishes the two.
-    pub(super) fn with_first_weights(shape: &[usize]) -> Option<Self> {
-        NETS.into_iter().find(|net| net.stages()[0].convs[0].weight_shape() == shape)
+    pub fn with_first_weights(shape: &[usize]) -> Option<Self> {
+        Self::ALL.into_iter().find(|net| net.stages()[0].convs[0].weight_shape() == shape)
     }
 
-    /// The shapes of the heads' weights, one for each stage.
-    pub(super) fn head_shapes(self) -> [[usize; 4]; 5] {
+    /// The shapes of the convolutions' weights in order, `[output, input, k, k]`; a bias has `[output]`.
+    pub fn convolution_shapes(self) -> impl Iterator<Item = [usize; 4]> + Clone {
+        self.stages().iter().flat_map(|stage| stage.convs).map(ConvSpec::weight_shape)
+    }
+
+    /// The shapes of the heads' weights, one for each stage: `[1, C, 1, 1]`.
+    pub fn head_shapes(self) -> [[usize; 4]; 5] {
         self.stages().each_ref().map(|stage| [1, stage.convs.last().map_or(0, |c| c.output), 1, 1])
     }
 

@@ -1,17 +1,19 @@
 //! Conversion of published LPIPS weights: a torchvision backbone and the heads of LPIPS v0.1 become the one file that
-//! [`Lpips::load`](super::Lpips::load) reads.
+//! [`Lpips::load`](crate::metrics::lpips::Lpips::load) reads. The published ones are read by `state_dict`.
 
-use super::LpipsNet;
-use super::net::{ConvSpec, NETS};
-use super::state_dict::{StateDict, StateDictError};
+mod state_dict;
+
 use crate::files::{MARK, ReplaceError, check_file, same_file};
 use crate::memory::{MemoryBudget, TooLarge, product};
+use crate::metrics::lpips::LpipsNet;
 use crate::tensors::{TensorFileError, write};
 use crate::user_error::UserError;
 use safetensors::Dtype;
 use safetensors::tensor::TensorView;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
+use state_dict::StateDict;
+pub use state_dict::StateDictError;
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -173,11 +175,11 @@ pub fn convert(backbone: &Path, heads: &Path, out: &Path) -> Result<ConvertedWei
     if let Some(input) = same_file(out, [backbone, heads]) {
         return Err(ReplaceError::Needed { path: out.into(), inner: input.into() }.into());
     }
-    let (mut convolutions, net) = open_backbone(backbone)?;
-    let mut lins = open_heads(heads, net)?;
+    let (convolutions, net) = open_backbone(backbone)?;
+    let lins = open_heads(heads, net)?;
     let published = if net == LpipsNet::Alex { ALEX } else { VGG };
 
-    let shapes = net.stages().iter().flat_map(|s| s.convs).map(ConvSpec::weight_shape);
+    let shapes = net.convolution_shapes();
     let values: u128 = shapes.clone().map(|s| product(&s)).sum();
     // the tensors and the file made of them, four bytes per value, and room for biases, heads and the one being read
     MemoryBudget::now().check(format!("--backbone {}", backbone.display()), values * 10)?;
@@ -186,12 +188,12 @@ pub fn convert(backbone: &Path, heads: &Path, out: &Path) -> Result<ConvertedWei
     for (i, (shape, feature)) in shapes.zip(published.features).enumerate() {
         for (part, shape) in [("weight", &shape[..]), ("bias", &shape[..1])] {
             let key = format!("features.{feature}.{part}");
-            all.push(take(&mut convolutions, backbone, &key, format!("net.conv{i}.{part}"), shape)?);
+            all.push(take(&convolutions, backbone, &key, format!("net.conv{i}.{part}"), shape)?);
         }
     }
     let of_backbone = all.len();
     for (i, shape) in net.head_shapes().iter().enumerate() {
-        all.push(take(&mut lins, heads, &head_key(i), format!("lin{i}.weight"), shape)?);
+        all.push(take(&lins, heads, &head_key(i), format!("lin{i}.weight"), shape)?);
     }
 
     let backbone = input(backbone, of_backbone, published.backbone)?;
@@ -201,16 +203,20 @@ pub fn convert(backbone: &Path, heads: &Path, out: &Path) -> Result<ConvertedWei
     Ok(ConvertedWeights { network: net.to_string(), backbone, heads, file: out.into(), bytes, tensors })
 }
 
-fn open(path: &Path) -> Result<StateDict<File>, ConvertError> {
-    StateDict::open(path).map_err(|source| ConvertError::Source { path: path.into(), source })
+/// Opens the file given with a flag. A damaged length in it may make the reader hold all of the file.
+fn open(flag: &str, path: &Path) -> Result<StateDict, ConvertError> {
+    let wrong = |source| ConvertError::Source { path: path.into(), source };
+    let length = std::fs::metadata(path).map_err(|e| wrong(e.into()))?.len();
+    MemoryBudget::now().check(format!("{flag} {}", path.display()), length.into())?;
+    StateDict::open(path).map_err(wrong)
 }
 
 fn head_key(index: usize) -> String {
     format!("lin{index}.model.1.weight")
 }
 
-fn open_backbone(path: &Path) -> Result<(StateDict<File>, LpipsNet), ConvertError> {
-    let file = open(path)?;
+fn open_backbone(path: &Path) -> Result<(StateDict, LpipsNet), ConvertError> {
+    let file = open("--backbone", path)?;
     let Some(found) = file.shape(FIRST) else {
         if file.shape(&head_key(0)).is_some() {
             return Err(ConvertError::HeadsAsBackbone { path: path.into() });
@@ -224,14 +230,14 @@ fn open_backbone(path: &Path) -> Result<(StateDict<File>, LpipsNet), ConvertErro
 }
 
 /// Opens the heads of `net`; missing tensors or wrong shapes are detected when they are read.
-fn open_heads(path: &Path, net: LpipsNet) -> Result<StateDict<File>, ConvertError> {
-    let file = open(path)?;
+fn open_heads(path: &Path, net: LpipsNet) -> Result<StateDict, ConvertError> {
+    let file = open("--heads", path)?;
     if file.shape(&head_key(0)).is_none() && file.shape(FIRST).is_some() {
         return Err(ConvertError::BackboneAsHeads { path: path.into() });
     }
     let differs = |net: LpipsNet| (0..5).find(|i| file.shape(&head_key(*i)) != Some(&net.head_shapes()[*i]));
     if let Some(i) = differs(net)
-        && let Some(found) = NETS.into_iter().find(|n| differs(*n).is_none())
+        && let Some(found) = LpipsNet::ALL.into_iter().find(|n| differs(*n).is_none())
     {
         let (key, shape) = (head_key(i), found.head_shapes()[i].to_vec());
         return Err(ConvertError::OtherHeads { path: path.into(), found, net, key, shape });
@@ -240,7 +246,7 @@ fn open_heads(path: &Path, net: LpipsNet) -> Result<StateDict<File>, ConvertErro
 }
 
 fn take(
-    file: &mut StateDict<File>,
+    file: &StateDict,
     path: &Path,
     key: &str,
     name: String,
