@@ -54,8 +54,19 @@ fn names_parse_back_and_no_other_does() {
         names.dedup();
         assert_eq!(names.len(), scene.segment_names().len());
     }
-    let refused = "Jets".parse::<Synthetic>().unwrap_err().to_string();
-    assert!(refused.contains("\"Jets\"") && refused.contains("jets, vortices, shells"), "{refused}");
+    for (name, said) in [
+        ("Jets", ["\"Jets\"", "jets, vortices, shells"]),
+        ("tube:1", ["\"tube:1\"", "FAMILY:SEED of blobs, touching, tubes"]),
+        ("blobs:", ["\"\" is no seed", "blobs:7"]),
+        ("blobs:-1", ["\"-1\" is no seed", "whole number"]),
+        ("blobs:+1", ["\"+1\" is no seed", "whole number"]),
+        ("blobs:99999999999999999999", ["is no seed", "whole number"]),
+        ("jets:1", ["jets has no seeds", "blobs"]),
+    ] {
+        let refused = name.parse::<Synthetic>().unwrap_err().to_string();
+        assert!(said.iter().all(|part| refused.contains(part)), "{refused}");
+    }
+    assert_eq!("nested".parse::<Synthetic>(), "nested:0".parse());
 }
 
 #[test]
