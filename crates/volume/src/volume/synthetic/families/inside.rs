@@ -16,11 +16,17 @@ fn core_opacity(draw: &mut Draw) -> f64 {
     if draw.chance(0.75) { draw.range(0.3, 0.8) } else { draw.range(0.06, 0.15) }
 }
 
-/// A place for object `k` of at most four, of this size with its ways: far from those of the others.
-fn corner(draw: &mut Draw, k: usize, size: f64) -> P3 {
-    const CORNERS: [P3; 4] = [[1.0, 1.0, 1.0], [-1.0, -1.0, 1.0], [-1.0, 1.0, -1.0], [1.0, -1.0, -1.0]];
-    let far = (0.85 - size).max(0.02);
-    CORNERS[k].map(|side| side * far * draw.range(0.6, 1.0))
+/// A place for object `k` of this many, up to three, of this size: far from those of the others.
+fn place(draw: &mut Draw, k: usize, objects: usize, size: f64) -> P3 {
+    const OPPOSITE: [P3; 2] = [[1.0, 1.0, 1.0], [-1.0, -1.0, -1.0]];
+    // corners of a tetrahedron
+    const APART: [P3; 3] = [[1.0, 1.0, 1.0], [-1.0, -1.0, 1.0], [-1.0, 1.0, -1.0]];
+    let far = (0.88 - size).max(0.0);
+    match objects {
+        1 => draw.point(0.5 * far),
+        2 => OPPOSITE[k].map(|side| side * far * draw.range(0.8, 1.0)),
+        _ => APART[k].map(|side| side * far * draw.range(0.75, 1.0)),
+    }
 }
 
 /// One to three objects, each a core in a body in a shell or some of these, of a material per layer; shells are hollow,
@@ -33,7 +39,8 @@ pub(super) fn nested(draw: &mut Draw, family: u64, seed: u64) -> Scene {
     let walls: Vec<bool> = (0..most).map(|k| k + 1 < most && draw.chance(if k == 0 { 0.6 } else { 0.3 })).collect();
     let opacity = |(k, wall): (usize, &bool)| match (k + 1 == most, *wall) {
         (true, _) => core_opacity(draw),
-        (false, true) => over(0.08, draw.range(0.12, 0.3)),
+        // the part of a wall between its soft edges
+        (false, true) => over(0.05, draw.range(0.12, 0.3)),
         (false, false) => over(1.5 * size, draw.range(0.25, 0.5)),
     };
     let opacities: Vec<f64> = walls.iter().enumerate().map(opacity).collect();
@@ -44,8 +51,8 @@ pub(super) fn nested(draw: &mut Draw, family: u64, seed: u64) -> Scene {
         let first = usize::from(most > 2 && objects > 1 && draw.chance(0.4));
         scene.place(draw, 0.05, |draw| {
             let size = size * draw.range(0.9, 1.05);
-            let start = Path::at_rest(if objects == 1 { draw.point(0.1) } else { corner(draw, object, size) });
-            let length = draw.range(0.1, 0.4) * (1.0 - size);
+            let start = Path::at_rest(place(draw, object, objects, size));
+            let length = draw.range(0.05, 0.2) * (1.0 - size);
             let path = wander(draw, start, length);
             layers(draw, &walls, first, size, &path)
         });
@@ -86,8 +93,8 @@ fn layers(draw: &mut Draw, walls: &[bool], first: usize, size: f64, path: &Path)
         body.depth = 0.6 * radius;
         body.flank = 0.05_f64.min(0.5 * radius);
         if *wall {
-            let thickness = draw.range(0.05, 0.13_f64.min(0.3 * radius).max(0.055));
-            (body.wall, body.depth) = (Some(thickness), 0.5 * thickness);
+            let thickness = draw.range(0.06, 0.13_f64.min(0.3 * radius).max(0.065));
+            (body.flank, body.wall, body.depth) = (0.04, Some(thickness), 0.5 * thickness);
         } else if draw.chance(0.4) {
             body.rough = draw.range(0.02, 0.06) * radius;
         }
@@ -103,15 +110,15 @@ pub(super) fn onions(draw: &mut Draw, family: u64, seed: u64) -> Scene {
     let shading = light(draw, family, seed);
     let objects = draw.whole(1, 2);
     let shells = draw.whole(2, if objects == 1 { 4 } else { 2 });
-    let mut opacities: Vec<f64> = (0..shells).map(|_| over(0.05, draw.range(0.1, 0.25))).collect();
+    let mut opacities: Vec<f64> = (0..shells).map(|_| over(0.025, draw.range(0.12, 0.26))).collect();
     opacities.push(core_opacity(draw));
     let materials = rising(draw, &opacities);
     let mut scene = Scene::new(materials, false, shading);
     for object in 0..objects {
         scene.place(draw, 0.05, |draw| {
-            let size = if objects == 1 { draw.range(0.72, 0.8) } else { draw.range(0.44, 0.50) };
-            let start = Path::at_rest(if objects == 1 { draw.point(0.05) } else { corner(draw, object, size) });
-            let length = draw.range(0.1, 0.5) * (1.0 - size);
+            let size = if objects == 1 { draw.range(0.72, 0.8) } else { draw.range(0.42, 0.47) };
+            let start = Path::at_rest(place(draw, object, objects, size));
+            let length = draw.range(0.05, 0.2) * (1.0 - size);
             let path = wander(draw, start, length);
             let shape = [0; 3].map(|_| draw.range(0.78, 1.0));
             let layer = |k: usize| {
@@ -126,7 +133,7 @@ pub(super) fn onions(draw: &mut Draw, family: u64, seed: u64) -> Scene {
                 let mut body = Body::new(draw, if core { "core" } else { "shell" }, Shape::Ball(axes), k, own);
                 body.noise = Noise::new(draw, 2.4 / radius, 2.0);
                 body.rough = draw.range(0.12, 0.3) * apart;
-                let thickness = draw.range(0.04, 0.055);
+                let thickness = draw.range(0.05, 0.065);
                 if core {
                     (body.flank, body.depth) = (0.04, radius);
                 } else {

@@ -119,7 +119,7 @@ pub(super) fn fading(draw: &mut Draw, family: u64, seed: u64) -> Scene {
 /// Small bodies that move once to three times their diameter between trained times, around a large slow one.
 pub(super) fn fast(draw: &mut Draw, family: u64, seed: u64) -> Scene {
     let shading = light(draw, family, seed);
-    let colours = draw.whole(1, 3);
+    let colours = draw.whole(1, 2);
     let (materials, two_sided) = alike(draw, colours, [0.35, 0.8]);
     let mut scene = Scene::new(materials, two_sided, shading);
     scene.place(draw, 0.0, |draw| {
@@ -134,7 +134,7 @@ pub(super) fn fast(draw: &mut Draw, family: u64, seed: u64) -> Scene {
     let count = draw.whole(3, 5);
     for k in 0..count {
         scene.place(draw, 0.05, |draw| {
-            let radius = draw.range(0.07, 0.11);
+            let radius = draw.range(0.08, 0.115);
             let axis = draw.direction();
             let orbit = draw.range(0.45, 0.75);
             let way = draw.range(1.0, 3.0) * 2.0 * radius * INTERVALS;
