@@ -25,7 +25,7 @@ use std::time::Instant;
 /// Render a time-varying volume into a dataset: images, cameras, and segments if labels are known.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  volseggs prepare --volume 'run/*.nrrd' --transfer-function fire --out data/run\n  volseggs prepare --volume u8.raw --transfer-function my.toml --size 400 --views 12 --out data/one\n  volseggs prepare --volume v.vti --labels l.vti --label-names 1=core,2=shell --out data/labelled\n  volseggs prepare --volume 'run/*.nrrd' --components 0.6 --out data/parts\n  volseggs prepare --synthetic vortices --size 400 --out data/vortices\n\nVolumes: .raw/.bin/.dat (with a .toml or .json beside it: dims, type), .nrrd/.nhdr, .vti, .nii/.nii.gz, .npy.\nThe defaults are the paper's: 600 views of 800x800 on a Fibonacci sphere at 30 times, 181 test views on a spiral."
+    after_help = "Examples:\n  volseggs prepare --volume 'run/*.nrrd' --transfer-function fire --out data/run\n  volseggs prepare --volume u8.raw --transfer-function my.toml --size 400 --views 12 --out data/one\n  volseggs prepare --volume v.vti --labels l.vti --label-names 1=core,2=shell --out data/labelled\n  volseggs prepare --volume 'run/*.nrrd' --components 0.6 --out data/parts\n  volseggs prepare --synthetic vortices --size 400 --out data/vortices\n  volseggs prepare --synthetic nested:7 --size 400 --out data/nested-7\n\nVolumes: .raw/.bin/.dat (with a .toml or .json beside it: dims, type), .nrrd/.nhdr, .vti, .nii/.nii.gz, .npy.\nThe defaults are the paper's: 600 views of 800x800 on a Fibonacci sphere at 30 times, 181 test views on a spiral."
 )]
 pub struct PrepareArgs {
     /// Volume files in order of time, a folder, a glob in quotes, or one 4D file.
@@ -34,7 +34,9 @@ pub struct PrepareArgs {
     /// The array to read from .vti files; if not given, the one that the first file marks as active, or its first.
     #[arg(long, value_name = "NAME", conflicts_with = "synthetic")]
     variable: Option<String>,
-    /// A synthetic scene with known segments: jets, vortices, shells, layers, beads or filaments.
+    /// A synthetic scene with known segments: jets, vortices, shells, layers, beads or filaments; or FAMILY:SEED, a scene
+    /// drawn from a seed of blobs, touching, tubes, nested, merging, braids, onions, fading, splitting, sheets, noisy or
+    /// fast.
     #[arg(long, value_name = "NAME")]
     synthetic: Option<Synthetic>,
     /// Transfer function: a .toml file, a ParaView colour map (.json) or a preset (see configs/transfer-functions).

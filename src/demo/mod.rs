@@ -37,7 +37,7 @@ pub struct DemoOptions {
     /// Folder for the dataset, the run and report.html.
     #[arg(long, default_value = "checkpoints/demo", value_name = "DIR")]
     pub out: PathBuf,
-    /// The scene: jets, vortices, shells, layers, beads or filaments.
+    /// The scene: jets, vortices, shells, layers, beads or filaments; or FAMILY:SEED, see `volseggs prepare --help`.
     #[arg(long, default_value = "jets", value_name = "NAME")]
     pub scene: Synthetic,
     /// Width and height of the images in pixels; larger images benefit from longer training.

@@ -150,7 +150,7 @@ fn half() -> f64 {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SyntheticSpec {
-    /// Which scene: jets, vortices, shells, layers, beads or filaments.
+    /// Which scene: jets, vortices, shells, layers, beads or filaments; or FAMILY:SEED, such as blobs:7.
     pub synthetic: String,
     /// Width and height of images in pixels.
     #[serde(default = "side")]

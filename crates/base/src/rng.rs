@@ -168,6 +168,8 @@ pub enum Purpose {
     PeakTimes,
     /// The order of views in refitting.
     Refit,
+    /// What the scenes of a family differ in.
+    Scenes,
     /// For tests and custom programs. The number is used unchanged: one of those above gives the same stream.
     Custom(u64),
 }
@@ -199,6 +201,7 @@ impl Purpose {
             Self::MethodJitter => 0x6d6a_6974,
             Self::PeakTimes => 0x7065_616b,
             Self::Refit => 0x7265_6669,
+            Self::Scenes => 0x7363_656e,
             Self::Custom(number) => number,
         }
     }
@@ -254,6 +257,7 @@ mod tests {
             (Purpose::MethodPixels, u32::from_be_bytes(*b"mpix").into()),
             (Purpose::MethodJitter, u32::from_be_bytes(*b"mjit").into()),
             (Purpose::PeakTimes, u32::from_be_bytes(*b"peak").into()),
+            (Purpose::Scenes, u32::from_be_bytes(*b"scen").into()),
         ];
         for (i, (purpose, number)) in all.into_iter().enumerate() {
             assert_eq!(Rng::new(1, 2, purpose).next_u64(), Rng::new(1, 2, Purpose::Custom(number)).next_u64());

@@ -40,7 +40,7 @@ pub(super) struct LabelArgs {
     #[arg(long, value_enum, value_name = "SPACE")]
     space: Option<SpaceName>,
     /// Print Dice scores against the ground truth: label volumes in order of time (the one nearest in time is used), or
-    /// a synthetic scene: jets, vortices, shells, layers, beads or filaments.
+    /// a synthetic scene as in `prepare --synthetic`.
     #[arg(long, value_name = "LABELS", num_args = 1..)]
     truth: Vec<String>,
 }

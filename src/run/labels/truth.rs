@@ -178,10 +178,10 @@ impl LabelTruth {
 
     fn name(&self, label: u32) -> String {
         let known = match self {
-            Self::Files { names, .. } => names.iter().find(|(id, _)| *id == label).map(|(_, name)| name.as_str()),
-            Self::Synthetic(scene, _) => scene.segment_names().get((label as usize).wrapping_sub(1)).copied(),
+            Self::Files { names, .. } => names.iter().find(|(id, _)| *id == label).map(|(_, name)| name.clone()),
+            Self::Synthetic(scene, _) => scene.segment_names().into_iter().nth((label as usize).wrapping_sub(1)),
         };
-        known.map_or_else(|| format!("label {label}"), ToOwned::to_owned)
+        known.unwrap_or_else(|| format!("label {label}"))
     }
 }
 

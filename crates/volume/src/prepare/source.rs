@@ -174,8 +174,12 @@ impl PrepareSource {
         self.label_kind().is_some() || !transfer.segments.is_empty()
     }
 
-    /// The ends and beginnings of connected parts, by time; empty for segments that are given.
+    /// The ends and beginnings of connected parts, and of the cells of a synthetic scene, by time; empty for labels that
+    /// are given.
     pub fn lineage(&self) -> Vec<LineageEvent> {
+        if let Self::Synthetic { scene, steps, .. } = self {
+            return scene.lineage(&(0..*steps).map(|step| self.time(step)).collect::<Vec<f64>>());
+        }
         let Self::Files { labels: FileLabels::Parts(parts), .. } = self else { return Vec::new() };
         let change = |ends| if ends { LineageChange::Ended } else { LineageChange::Began };
         let turn = |c: &PartChange| LineageEvent {
@@ -195,7 +199,7 @@ impl PrepareSource {
             }
             Self::Files { labels: FileLabels::Parts(_), .. } => Some(part_name(id)),
             Self::Files { labels: FileLabels::None, .. } => None,
-            Self::Synthetic { scene, .. } => scene.segment_names().get(usize::from(id) - 1).map(|n| (*n).to_owned()),
+            Self::Synthetic { scene, .. } => scene.segment_names().into_iter().nth(usize::from(id) - 1),
         };
         given.unwrap_or_else(|| format!("segment-{id}"))
     }

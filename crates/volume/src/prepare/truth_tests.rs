@@ -139,11 +139,7 @@ fn labels_of_a_scene_hold_under_other_transfer_functions() {
                 ..options(48)
             };
             let record = prepare(&source, &transfer, &few, &out, &|_| {}, &AtomicBool::new(false)).unwrap();
-            assert!(
-                record.segments.iter().all(|n| scene.segment_names().contains(&n.as_str())),
-                "{:?}",
-                record.segments
-            );
+            assert!(record.segments.iter().all(|n| scene.segment_names().contains(n)), "{:?}", record.segments);
             let truth = Truth::read(&out).unwrap();
             let shown = |s: &&crate::data::truth::SegmentEntry| s.frames.iter().any(|f| f.pixels > 0);
             let shown = truth.file.segments.iter().filter(shown).count();

@@ -33,7 +33,7 @@ impl Chunk {
     }
 
     /// Signed distance to the chunk, negative inside; `None` where it has no effect.
-    fn outside(&self, p: P3) -> Option<f64> {
+    pub fn outside(&self, p: P3) -> Option<f64> {
         let from = sub(p, self.centre);
         (dot(from, from) < self.reach * self.reach)
             .then(|| self.beads.windows(2).map(|w| piece(p, &w[0], &w[1])).fold(f64::INFINITY, f64::min))

@@ -49,13 +49,24 @@ fn pieces(labels: &VolumeLabels, id: u16) -> usize {
 fn names_parse_back_and_no_other_does() {
     for scene in Synthetic::ALL {
         assert_eq!(scene.to_string().parse(), Ok(scene));
-        let mut names = scene.segment_names().to_vec();
+        let mut names = scene.segment_names();
         names.sort_unstable();
         names.dedup();
         assert_eq!(names.len(), scene.segment_names().len());
     }
-    let refused = "Jets".parse::<Synthetic>().unwrap_err().to_string();
-    assert!(refused.contains("\"Jets\"") && refused.contains("jets, vortices, shells"), "{refused}");
+    for (name, said) in [
+        ("Jets", ["\"Jets\"", "jets, vortices, shells"]),
+        ("tube:1", ["\"tube:1\"", "FAMILY:SEED of blobs, touching, tubes"]),
+        ("blobs:", ["\"\" is no seed", "blobs:7"]),
+        ("blobs:-1", ["\"-1\" is no seed", "whole number"]),
+        ("blobs:+1", ["\"+1\" is no seed", "whole number"]),
+        ("blobs:99999999999999999999", ["is no seed", "whole number"]),
+        ("jets:1", ["jets has no seeds", "blobs"]),
+    ] {
+        let refused = name.parse::<Synthetic>().unwrap_err().to_string();
+        assert!(said.iter().all(|part| refused.contains(part)), "{refused}");
+    }
+    assert_eq!("nested".parse::<Synthetic>(), "nested:0".parse());
 }
 
 #[test]
@@ -76,9 +87,9 @@ fn every_segment_is_there_when_it_should_be() {
         for step in 0..=20 {
             let t = f64::from(step) / 20.0;
             let (_, labels) = cube(scene, t);
-            for name in scene.segment_names() {
+            for name in &scene.segment_names() {
                 let there = count(&labels, name, scene);
-                match *name {
+                match name.as_str() {
                     "tube-c" if t > 0.5 => assert_eq!(there, 0, "{name} {t}"),
                     "tube-d" if t < 0.45 => assert_eq!(there, 0, "{name} {t}"),
                     "tube-c" if t > 0.2 => {}
@@ -173,7 +184,9 @@ fn beads_merge_part_and_split() {
     let passing = over_time(&["bead-4", "bead-5"]);
     assert_eq!(passing, [2, 2, 1, 2, 2]);
     assert_eq!(over_time(&["bead-6"]), [1; 5]);
-    assert_eq!([bodies(0.0, &scene.segment_names()[..6]), bodies(1.0, scene.segment_names())], [6, 7]);
+    let all = scene.segment_names();
+    let all: Vec<&str> = all.iter().map(String::as_str).collect();
+    assert_eq!([bodies(0.0, &all[..6]), bodies(1.0, &all)], [6, 7]);
     for step in 0..=20 {
         let labels = cube(scene, f64::from(step) / 20.0).1;
         assert!((1..=7).all(|id| pieces(&labels, id) <= 1), "a bead is in pieces at step {step}");
