@@ -33,6 +33,9 @@ try:
 except ImportError as error:
     sys.exit(f"{sys.argv[0]}: needs the Python packages numpy and vtk: {error}")
 
+# the scripts' folder stays as it is
+sys.dont_write_bytecode = True
+
 from vtk_families import dataset, surfaces, volumes
 from vtk_families.drawing import drawer_of
 from vtk_families.files import write_png

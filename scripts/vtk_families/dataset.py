@@ -97,6 +97,11 @@ def even(count, all_of):
     return sorted({k * (all_of - 1) // max(1, count - 1) for k in range(count)})
 
 
+def shows(pixels):
+    """Where a picture's bytes show anything."""
+    return pixels[..., 3] >= MASK_ALPHA * 255
+
+
 def transforms(layout, split, views):
     frames = [
         {"file_path": f"./{split}/r_{i}", "transform_matrix": view.pose.tolist(), "time": layout.time(view.step)}
@@ -156,13 +161,14 @@ class Writer:
     def view(self, split, i, view, present):
         self.drawer.aim(view.pose)
         picture = self.drawer.picture()
-        write_png(self.root / split / f"r_{i}.png", straight(picture))
+        pixels = straight(picture)
+        write_png(self.root / split / f"r_{i}.png", pixels)
         shares = self.drawer.shares(present)
         # what belongs to no cell competes as well
         rest = picture[..., 3] - shares.sum(axis=0)
         largest = np.argmax(np.concatenate([rest[None], shares]), axis=0)
         ids = np.array([0, *present])[largest]
-        write_png(self.root / "labels" / split / f"r_{i}.png", np.where(picture[..., 3] >= MASK_ALPHA, ids, 0))
+        write_png(self.root / "labels" / split / f"r_{i}.png", np.where(shows(pixels), ids, 0))
 
     def cells(self, step, time, present):
         nothing = np.zeros((self.layout.size, self.layout.size, 4), np.float32)
@@ -171,10 +177,10 @@ class Writer:
                 self.drawer.pick(segment)
             for i, view in self.alone:
                 self.drawer.aim(view.pose)
-                picture = self.drawer.picture() if segment in present else nothing
-                mask = picture[..., 3] >= MASK_ALPHA
+                pixels = straight(self.drawer.picture() if segment in present else nothing)
+                mask = shows(pixels)
                 path = f"segments/{name}/r_{i}_step_{step}"
-                write_png(self.root / f"{path}.png", straight(picture))
+                write_png(self.root / f"{path}.png", pixels)
                 write_png(self.root / f"{path}_mask.png", np.where(mask, 255, 0))
                 self.frames[segment].append(
                     {
