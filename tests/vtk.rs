@@ -1,13 +1,15 @@
-//! Compares the ray caster with VTK's, on the same volume, camera and transfer function.
+//! Compares the ray caster with VTK's, on the same volume, camera and transfer function; and opens datasets that VTK
+//! draws (`scripts/vtk_scenes.py`).
 //!
 //! Needs Python with the package `vtk` (`PYTHON` names the interpreter), and OpenGL without a display. The remaining
 //! difference is explained at each comparison.
 #![allow(clippy::unwrap_used)]
 
 use glam::DVec3;
+use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
-use volseggs::data::Camera;
+use volseggs::data::{Camera, Dataset, OpenOptions, SplitName, Truth};
 use volseggs::volume::grid::{Grid, Volume};
 use volseggs::volume::placement::{VoxelPlacement, published_side};
 use volseggs::volume::raycast::RayCaster;
@@ -141,5 +143,71 @@ fn pictures_agree_with_vtk() {
             assert!(drawn > 2000, "too few pixels are drawn: {drawn}");
             assert!(agreement > minimum, "{mapper} {shading:?}: {agreement:.1} dB, at least {minimum} expected");
         }
+    }
+}
+
+/// Whether VTK draws here; otherwise the test skips.
+fn vtk_draws(folder: &Path) -> bool {
+    let camera = Camera::look_at(DVec3::new(0.0, -4.0, 0.0), DVec3::ZERO, DVec3::Z, 30f64.to_radians(), 8, 8);
+    vtk(folder, &volume(), &transfer(Shading::default()), &camera, "gpu", 2.0).is_some()
+}
+
+#[test]
+fn scenes_that_vtk_draws_are_datasets_with_ground_truth() {
+    let folder = tempfile::tempdir().unwrap();
+    if !vtk_draws(folder.path()) {
+        return;
+    }
+    let python = python_with("vtk", Need::VtkRendering).unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("scripts/vtk_scenes.py");
+    let small = "--size 32 --times 2 --views 2 --test-views 3 --segment-views 2 --voxels 24";
+    for scene in ["vtk-cells:0", "vtk-surfaces:0"] {
+        let root = folder.path().join(scene.replace(':', "-"));
+        let mut command = Command::new(&python);
+        command.arg(&script).args([scene, "--out"]).arg(&root).args(small.split(' '));
+        let output = command.output().unwrap();
+        assert!(output.status.success(), "{scene}: {}", String::from_utf8_lossy(&output.stderr));
+        let splits = [SplitName::Train, SplitName::Test];
+        let dataset = Dataset::open(&root, &OpenOptions { downscale: 1, splits: &splits, max_views: None }).unwrap();
+        assert_eq!((dataset.train.images.width, dataset.train.frames.len()), (32, 4), "{scene}");
+        check_truth(scene, &Truth::read(&root).unwrap());
+    }
+}
+
+/// Masks, label images and volumes agree in their sizes, and all show the same segments.
+fn check_truth(scene: &str, truth: &Truth) {
+    assert_eq!(truth.file.size, [32, 32], "{scene}");
+    let known: BTreeSet<u16> = truth.file.segments.iter().map(|s| s.id).collect();
+    assert_eq!(known, (1..=known.len() as u16).collect(), "{scene}");
+    let (mut in_space, mut in_masks) = (BTreeSet::new(), BTreeSet::new());
+    assert_eq!(truth.volume_times(), [0.0, 1.0], "{scene}");
+    for time in truth.volume_times() {
+        let volume = truth.volume(time).unwrap();
+        assert_eq!(volume.dims, [24; 3], "{scene}");
+        let visible = volume.ids.iter().zip(&volume.opacity).filter(|(id, opacity)| **id > 0 && **opacity > 0.01);
+        in_space.extend(visible.map(|(id, _)| *id));
+    }
+    for segment in &truth.file.segments {
+        assert_eq!(segment.frames.len(), 4, "{scene}: two views at two times");
+        for frame in &segment.frames {
+            let mask = image::open(truth.root.join(&frame.mask_path)).unwrap().into_luma8();
+            assert_eq!(mask.dimensions(), (32, 32), "{scene}: {}", frame.mask_path);
+            assert!(mask.pixels().all(|p| [0, 255].contains(&p.0[0])), "{scene}: {}", frame.mask_path);
+            assert_eq!(mask.pixels().filter(|p| p.0[0] > 0).count(), frame.pixels, "{scene}: {}", frame.mask_path);
+            let alone = image::open(truth.root.join(&frame.file_path)).unwrap().into_rgba8();
+            let least = truth.file.mask_alpha * 255.0;
+            let agree = alone.pixels().zip(mask.pixels()).all(|(p, m)| (m.0[0] > 0) == (f32::from(p.0[3]) >= least));
+            assert!(agree, "{scene}: {}", frame.file_path);
+            if frame.pixels > 0 {
+                in_masks.insert(segment.id);
+            }
+        }
+    }
+    assert_eq!((&in_space, &in_masks), (&known, &known), "{scene}");
+    let views = truth.views_near(0.0, usize::MAX, 1).unwrap();
+    assert_eq!(views.len(), 3, "{scene}: two of training and one of test");
+    for view in views {
+        let found: BTreeSet<u16> = truth.labels(&view).unwrap().into_iter().filter(|id| *id > 0).collect();
+        assert!(!found.is_empty() && found.is_subset(&known), "{scene}: {}: {found:?}", view.name);
     }
 }

@@ -5,7 +5,7 @@ use super::settings::CoordNetConfig;
 use crate::network::{self, Network, StepInput};
 use crate::pixels::PixelEpochs;
 use crate::sphere::ViewSphere;
-use crate::{Method, Model, Training, MethodWork, ignored};
+use crate::{Method, MethodWork, Model, Training, ignored};
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::DVec3;

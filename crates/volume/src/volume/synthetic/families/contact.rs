@@ -2,9 +2,9 @@
 
 use super::draw::Draw;
 use super::look::{alike, light};
-use super::motion::{Change, Motion, Path, Pulse, across, scaled, sum};
+use super::motion::{Motion, Path, Pulse, Ramp, across, scaled, sum};
 use super::scattered::wander;
-use super::scene::{Body, Joined, BodyScene};
+use super::scene::{Body, BodyScene, Joined};
 use super::shape::Shape;
 use crate::data::lineage;
 use crate::volume::synthetic::field::{P3, norm, sub};
@@ -37,7 +37,7 @@ pub(super) fn touching(draw: &mut Draw, family: u64, seed: u64) -> BodyScene {
             let start = draw.point(0.6);
             // the contact closes and opens again, by a few hundredths
             let pulse = Pulse { up: Some((draw.range(0.2, 0.4), 0.3)), down: Some((draw.range(0.6, 0.8), 0.3)) };
-            let squeeze = Change { before: 1.0, after: draw.range(0.93, 1.0), pulse };
+            let squeeze = Ramp { before: 1.0, after: draw.range(0.93, 1.0), pulse };
             let body = |(by, radius): (P3, f64)| {
                 let arm = Motion::Arm { by, axis, rate, length: squeeze };
                 let mut path = path.clone().with(arm);
@@ -90,9 +90,9 @@ pub(super) fn merging(draw: &mut Draw, family: u64, seed: u64) -> BodyScene {
             let length = if parts {
                 let closest = draw.range(0.45, 0.65);
                 let pulse = Pulse { up: Some((0.28, 0.4)), down: Some((0.74, 0.4)) };
-                Change { before: 1.0, after: closest, pulse }
+                Ramp { before: 1.0, after: closest, pulse }
             } else {
-                Change::once(1.0, 0.0, at, duration)
+                Ramp::once(1.0, 0.0, at, duration)
             };
             let way = draw.direction();
             let (axis, rate) = (across(way), draw.range(-1.2, 1.2));
@@ -109,8 +109,8 @@ pub(super) fn merging(draw: &mut Draw, family: u64, seed: u64) -> BodyScene {
             let mut second = member(draw, "drop", small, other, (number, number % colours), neck);
             if !parts {
                 let whole = (large.powi(3) + small.powi(3)).cbrt() / large;
-                first.path.size = Change::once(1.0, whole, at + 0.1 * duration, duration);
-                let joined = Joined { with: 0, at: at + 0.11 * duration, change: lineage::Change::Ended };
+                first.path.size = Ramp::once(1.0, whole, at + 0.1 * duration, duration);
+                let joined = Joined { with: 0, at: at + 0.11 * duration, change: lineage::LineageChange::Ended };
                 second.joined = Some(joined);
             }
             vec![first, second]
@@ -145,9 +145,9 @@ fn divided(draw: &mut Draw, divisions: usize, of: (usize, usize), neck: f64) -> 
     let (axis, rate) = (across(way), draw.range(-0.8, 0.8));
     let small = radius * 0.5_f64.powf(divisions as f64 / 3.0);
     let size = match divisions {
-        0 => Change::NONE,
-        1 => Change::once(1.0, small / radius, times[0], duration),
-        _ => Change::once(1.0, small / radius, 0.5 * (times[0] + times[2]), duration + times[2] - times[0]),
+        0 => Ramp::NONE,
+        1 => Ramp::once(1.0, small / radius, times[0], duration),
+        _ => Ramp::once(1.0, small / radius, 0.5 * (times[0] + times[2]), duration + times[2] - times[0]),
     };
     let start = Path::at_rest(draw.point(0.55));
     let journey = draw.range(0.05, 0.3);
@@ -156,7 +156,7 @@ fn divided(draw: &mut Draw, divisions: usize, of: (usize, usize), neck: f64) -> 
     let apart = [draw.range(1.35, 1.6) * small * if divisions == 2 { 1.3 } else { 1.0 }, draw.range(1.3, 1.5) * small];
     // the way of each division to which each body goes
     let arm = |division: usize, by: f64| {
-        let length = Change::once(0.0, 1.0, times[division], duration);
+        let length = Ramp::once(0.0, 1.0, times[division], duration);
         let by = scaled(ways[division], by * apart[division.min(1)]);
         Motion::Arm { by, axis, rate, length }
     };
@@ -166,7 +166,7 @@ fn divided(draw: &mut Draw, divisions: usize, of: (usize, usize), neck: f64) -> 
         _ => &[&[(0, 1.0), (1, 1.0)], &[(0, -1.0), (2, 1.0)], &[(0, 1.0), (1, -1.0)], &[(0, -1.0), (2, -1.0)]],
     };
     let began = |with: usize, division: usize| {
-        Some(Joined { with, at: times[division] + 0.05 * duration, change: lineage::Change::Began })
+        Some(Joined { with, at: times[division] + 0.05 * duration, change: lineage::LineageChange::Began })
     };
     let events = [None, began(0, 0), began(0, 1), began(1, 2)];
     let axes = [0; 3].map(|_| radius * draw.range(0.94, 1.06));

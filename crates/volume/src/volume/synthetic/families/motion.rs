@@ -71,7 +71,7 @@ impl Pulse {
 
 /// A factor that changes from `before` to `after` as its pulse rises, and back as it falls.
 #[derive(Clone, Copy)]
-pub(super) struct Change {
+pub(super) struct Ramp {
     /// The factor while the pulse is 0.
     pub before: f64,
     /// The factor while it is 1.
@@ -80,7 +80,7 @@ pub(super) struct Change {
     pub pulse: Pulse,
 }
 
-impl Change {
+impl Ramp {
     /// Always 1.
     pub const NONE: Self = Self { before: 1.0, after: 1.0, pulse: Pulse { up: None, down: None } };
 
@@ -118,7 +118,7 @@ pub(super) enum Motion {
         /// Radians over the series.
         rate: f64,
         /// Factor of its length.
-        length: Change,
+        length: Ramp,
     },
 }
 
@@ -144,7 +144,7 @@ pub(super) struct Path {
     /// The unit vector about which it turns, and how far over the series, radians.
     pub spin: (P3, f64),
     /// Factor of its size.
-    pub size: Change,
+    pub size: Ramp,
 }
 
 /// A body's place at one time.
@@ -161,7 +161,7 @@ impl Path {
     /// At rest, upright.
     pub fn at_rest(start: P3) -> Self {
         let tilt = rotation([0.0, 0.0, 1.0], 0.0);
-        Self { start, motions: Vec::new(), tilt, spin: ([0.0, 0.0, 1.0], 0.0), size: Change::NONE }
+        Self { start, motions: Vec::new(), tilt, spin: ([0.0, 0.0, 1.0], 0.0), size: Ramp::NONE }
     }
 
     /// The same with one more motion.
@@ -205,6 +205,6 @@ mod tests {
         let pulse = Pulse { up: Some((0.3, 0.2)), down: Some((0.7, 0.2)) };
         assert_eq!([0.0, 0.19, 0.3, 0.5, 0.7, 0.81].map(|t| pulse.at(t)), [0.0, 0.0, 0.5, 1.0, 0.5, 0.0]);
         assert_eq!(Pulse::default().at(0.4), 1.0);
-        assert_eq!(Change::once(2.0, 1.0, 0.5, 0.4).at(0.5), 1.5);
+        assert_eq!(Ramp::once(2.0, 1.0, 0.5, 0.4).at(0.5), 1.5);
     }
 }

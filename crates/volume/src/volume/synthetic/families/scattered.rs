@@ -2,7 +2,7 @@
 
 use super::draw::Draw;
 use super::look::{alike, light};
-use super::motion::{Change, Motion, Path, Pulse, across, scaled};
+use super::motion::{Motion, Path, Pulse, Ramp, across, scaled};
 use super::scene::{Body, BodyScene};
 use super::shape::{Shape, Tube, Wave};
 
@@ -46,7 +46,7 @@ pub(super) fn wander(draw: &mut Draw, path: Path, length: f64) -> Path {
         _ => {
             let (radius, sign) = (draw.range(0.1, 0.3), draw.signed(1.0, 1.0));
             let by = scaled(across(way), radius);
-            path.with(Motion::Arm { by, axis: way, rate: sign * length / radius, length: Change::NONE })
+            path.with(Motion::Arm { by, axis: way, rate: sign * length / radius, length: Ramp::NONE })
         }
     }
 }
@@ -70,7 +70,7 @@ pub(super) fn blobs(draw: &mut Draw, family: u64, seed: u64) -> BodyScene {
             let mut body = Body::new(draw, "blob", shape, k % colours, path);
             surface(draw, &mut body, radius);
             if k == late {
-                body.path.size = Change::once(0.0, 1.0, draw.range(0.3, 0.6), 0.3);
+                body.path.size = Ramp::once(0.0, 1.0, draw.range(0.3, 0.6), 0.3);
             }
             vec![body]
         });
@@ -140,7 +140,7 @@ pub(super) fn fast(draw: &mut Draw, family: u64, seed: u64) -> BodyScene {
             let way = draw.range(1.0, 3.0) * 2.0 * radius * INTERVALS;
             let turn = super::motion::turned(&super::motion::rotation(axis, draw.angle()), across(axis));
             let rate = draw.signed(1.0, 1.0) * way / orbit;
-            let arm = Motion::Arm { by: scaled(turn, orbit), axis, rate, length: Change::NONE };
+            let arm = Motion::Arm { by: scaled(turn, orbit), axis, rate, length: Ramp::NONE };
             let path = Path::at_rest(draw.point(0.15)).tumbling(draw, 3.0).with(arm);
             let shape = ball(draw, radius);
             let mut body = Body::new(draw, "quick", shape, (k + 1) % colours, path);

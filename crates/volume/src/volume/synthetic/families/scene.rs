@@ -5,7 +5,7 @@ use super::draw::Draw;
 use super::look::Material;
 use super::motion::{Path, Pulse, scaled, sum, turned};
 use super::shape::{Noise, Shape};
-use crate::data::lineage::Change;
+use crate::data::lineage::LineageChange;
 use crate::volume::synthetic::field::{P3, norm, sub};
 use crate::volume::transfer::Shading;
 
@@ -49,15 +49,15 @@ pub(super) struct Joined {
     pub with: usize,
     /// The time in [0, 1].
     pub at: f64,
-    /// [`Change::Began`] for a split, [`Change::Ended`] for a merge.
-    pub change: Change,
+    /// [`LineageChange::Began`] for a split, [`LineageChange::Ended`] for a merge.
+    pub change: LineageChange,
 }
 
 impl Joined {
     fn is_part(self, t: f64) -> bool {
         match self.change {
-            Change::Began => t < self.at,
-            Change::Ended => t >= self.at,
+            LineageChange::Began => t < self.at,
+            LineageChange::Ended => t >= self.at,
         }
     }
 }

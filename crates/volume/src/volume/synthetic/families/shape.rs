@@ -4,7 +4,7 @@
 use super::draw::Draw;
 use super::motion::{Pose, scaled, sum, turned};
 use crate::volume::synthetic::field::{P3, dot, smooth_max};
-use crate::volume::synthetic::strand::Bead;
+use crate::volume::synthetic::strand::StrandPoint;
 
 /// A shape around the origin, with lengths of the box.
 #[derive(Clone)]
@@ -48,7 +48,7 @@ const PIECES: usize = 48;
 
 impl Tube {
     /// Points of the centre line in the box, with radii, from the lower end up.
-    pub fn beads(&self, pose: &Pose, t: f64) -> Vec<Bead> {
+    pub fn beads(&self, pose: &Pose, t: f64) -> Vec<StrandPoint> {
         let bead = |i: usize| {
             let u = 2.0 * i as f64 / PIECES as f64 - 1.0;
             let start = [0.0, 0.0, self.half * u];

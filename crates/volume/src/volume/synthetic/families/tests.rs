@@ -1,7 +1,7 @@
 //! What all scenes of all families guarantee.
 
 use super::*;
-use crate::data::lineage::Change;
+use crate::data::lineage::LineageChange;
 use crate::volume::synthetic::Synthetic;
 use proptest::prelude::*;
 
@@ -119,10 +119,10 @@ fn events_are_where_labels_change() {
             let before = counts(drawn, steps[step - 1])[usize::from(event.segment)];
             let after = counts(drawn, steps[step])[usize::from(event.segment)];
             let other = counts(drawn, event.time)[usize::from(event.other.unwrap())];
-            let (gone, there) = if event.change == Change::Began { (before, after) } else { (after, before) };
+            let (gone, there) = if event.change == LineageChange::Began { (before, after) } else { (after, before) };
             assert_eq!(gone, 0, "{drawn:?} {event:?}");
             assert!(there > 10 && other > 10, "{drawn:?} {event:?}: {there} and {other} voxels");
-            found[usize::from(event.change == Change::Began)] += 1;
+            found[usize::from(event.change == LineageChange::Began)] += 1;
         }
     }
     assert!(found[0] > 5 && found[1] > 5, "{found:?}");

@@ -2,7 +2,7 @@
 
 use super::draw::Draw;
 use super::look::{alike, light};
-use super::motion::{Change, Motion, Path, rotation, scaled, turned};
+use super::motion::{Motion, Path, Ramp, rotation, scaled, turned};
 use super::scene::{Body, BodyScene};
 use super::shape::{Ripple, Shape, Sheet, Tube, Wave};
 use crate::volume::synthetic::field::P3;
@@ -10,7 +10,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// A path that turns as a whole about the middle of the box.
 fn carried(start: P3, tilt: super::motion::M3, (axis, rate): (P3, f64)) -> Path {
-    let mut path = Path::at_rest([0.0; 3]).with(Motion::Arm { by: start, axis, rate, length: Change::NONE });
+    let mut path = Path::at_rest([0.0; 3]).with(Motion::Arm { by: start, axis, rate, length: Ramp::NONE });
     (path.tilt, path.spin) = (tilt, (axis, rate));
     path
 }
