@@ -22,7 +22,7 @@ enum Form {
 }
 
 /// A body in its place.
-struct Placed {
+struct PlacedBody {
     form: Form,
     centre: P3,
     turn: M3,
@@ -40,7 +40,7 @@ struct Placed {
 
 /// Bodies that flow together, or one alone.
 struct Group {
-    members: Vec<Placed>,
+    members: Vec<PlacedBody>,
     neck: f64,
     flank: f64,
     depth: f64,
@@ -59,11 +59,11 @@ pub(in crate::volume::synthetic) struct FamilyFrame {
 /// The scene at one time and height: the bodies that reach it.
 pub(in crate::volume::synthetic) struct Slice<'a> {
     z: f64,
-    groups: Vec<(&'a Group, Vec<&'a Placed>)>,
+    groups: Vec<(&'a Group, Vec<&'a PlacedBody>)>,
     two_sided: bool,
 }
 
-impl Placed {
+impl PlacedBody {
     fn new(body: &Body, label: u16, t: f64) -> Self {
         let Pose { centre, turn, size } = body.path.at(t);
         let edge = 0.5 * body.flank + body.neck;
@@ -120,9 +120,9 @@ impl Placed {
 
 impl Group {
     /// Value in [0, 1] and label of the group at a point.
-    fn at(&self, members: &[&Placed], p: P3) -> (f64, u16) {
+    fn at(&self, members: &[&PlacedBody], p: P3) -> (f64, u16) {
         let mut outside = f64::INFINITY;
-        let mut nearest: Option<(f64, P3, &Placed)> = None;
+        let mut nearest: Option<(f64, P3, &PlacedBody)> = None;
         for placed in members {
             let Some((own, local)) = placed.outside(p) else { continue };
             outside = if outside.is_finite() { smooth_min(outside, own, self.neck) } else { own };
@@ -150,7 +150,7 @@ impl FamilyFrame {
     pub(super) fn new(scene: &BodyScene, t: f64) -> Self {
         let mut groups: Vec<(Option<usize>, Group)> = Vec::new();
         for (k, body) in scene.bodies.iter().enumerate() {
-            let placed = Placed::new(body, scene.label(k, t), t);
+            let placed = PlacedBody::new(body, scene.label(k, t), t);
             let strength = body.there.at(t);
             if strength <= 0.0 || placed.size < VANISHED {
                 continue;
@@ -184,7 +184,7 @@ impl FamilyFrame {
     /// The part of the scene that reaches the height `z`.
     pub fn slice(&self, z: f64) -> Slice<'_> {
         let groups = self.groups.iter().map(|group| {
-            let members: Vec<&Placed> = group.members.iter().filter(|placed| placed.reaches(z)).collect();
+            let members: Vec<&PlacedBody> = group.members.iter().filter(|placed| placed.reaches(z)).collect();
             (group, members)
         });
         let groups = groups.filter(|(_, members)| !members.is_empty());

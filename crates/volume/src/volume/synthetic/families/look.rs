@@ -16,7 +16,7 @@ pub(super) fn over(length: f64, whole: f64) -> f64 {
 
 /// What bodies are made of: a band of values with a colour and an opacity.
 #[derive(Clone)]
-pub(super) struct Material {
+pub(super) struct BodyMaterial {
     /// sRGB at the low end of the band and at the high one.
     pub colours: [[f32; 3]; 2],
     /// Opacity per hundredth of the box's side at both ends.
@@ -61,20 +61,20 @@ fn hex(colour: [f64; 3]) -> [f32; 3] {
 /// Materials of these opacities whose bands lie one above the other, the first one lowest. A body of a higher band
 /// passes through those below in its soft edge: a surface layer of another colour, the farther off the farther the
 /// bands are from each other.
-pub(super) fn rising(draw: &mut Draw, opacities: &[f64]) -> Vec<Material> {
+pub(super) fn rising(draw: &mut Draw, opacities: &[f64]) -> Vec<BodyMaterial> {
     let count = opacities.len();
     let between = draw.range(BAND + 2.0 * EDGE, 0.17);
     let material = |(k, (colour, opacity)): (usize, ([f32; 3], &f64))| {
         let low = if count == 1 { 0.4 } else { 0.82 - between * (count - 1 - k) as f64 };
         let high = if k + 1 == count { 1.0 } else { low + BAND };
-        Material { colours: [colour; 2], opacities: [*opacity as f32; 2], low, high, side: 1.0, fades: count == 1 }
+        BodyMaterial { colours: [colour; 2], opacities: [*opacity as f32; 2], low, high, side: 1.0, fades: count == 1 }
     };
     colours(draw, count).into_iter().zip(opacities).enumerate().map(material).collect()
 }
 
 /// Two materials on both sides of an empty middle; neither passes through the other.
-pub(super) fn two_sided(draw: &mut Draw, opacities: [f64; 2]) -> Vec<Material> {
-    let one = |colour, opacity: f64, side| Material {
+pub(super) fn two_sided(draw: &mut Draw, opacities: [f64; 2]) -> Vec<BodyMaterial> {
+    let one = |colour, opacity: f64, side| BodyMaterial {
         colours: [colour; 2],
         opacities: [opacity as f32; 2],
         low: 0.4,
@@ -87,7 +87,7 @@ pub(super) fn two_sided(draw: &mut Draw, opacities: [f64; 2]) -> Vec<Material> {
 }
 
 /// `count` materials of similar opacity, on both sides or rising, as drawn; and whether they are on both sides.
-pub(super) fn alike(draw: &mut Draw, count: usize, opacity: [f64; 2]) -> (Vec<Material>, bool) {
+pub(super) fn alike(draw: &mut Draw, count: usize, opacity: [f64; 2]) -> (Vec<BodyMaterial>, bool) {
     let one = |draw: &mut Draw| draw.range(opacity[0], opacity[1]);
     if count == 2 && draw.chance(0.6) {
         let both = [one(draw), one(draw)];
@@ -119,15 +119,15 @@ pub(super) fn light(draw: &mut Draw, family: u64, seed: u64) -> Shading {
 }
 
 /// Control points of one side of the value axis, by value from 0 up.
-struct Side {
+struct RampSide {
     colours: Vec<(f64, [f32; 3])>,
     opacity: Vec<(f64, f32)>,
 }
 
-fn side(materials: &[Material], sign: f64) -> Side {
-    let mut bands: Vec<&Material> = materials.iter().filter(|m| m.side == sign).collect();
+fn side(materials: &[BodyMaterial], sign: f64) -> RampSide {
+    let mut bands: Vec<&BodyMaterial> = materials.iter().filter(|m| m.side == sign).collect();
     bands.sort_by(|a, b| a.low.total_cmp(&b.low));
-    let mut out = Side { colours: Vec::new(), opacity: vec![(0.0, 0.0)] };
+    let mut out = RampSide { colours: Vec::new(), opacity: vec![(0.0, 0.0)] };
     for (k, band) in bands.iter().enumerate() {
         let last = k + 1 == bands.len();
         let start = if band.fades { EMPTY } else { band.low - EDGE };

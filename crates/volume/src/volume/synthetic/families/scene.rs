@@ -2,7 +2,7 @@
 //! it, `look` shows it.
 
 use super::draw::Draw;
-use super::look::Material;
+use super::look::BodyMaterial;
 use super::motion::{Path, Pulse, scaled, sum, turned};
 use super::shape::{Noise, Shape};
 use crate::data::lineage::LineageChange;
@@ -111,7 +111,7 @@ pub(super) struct BodyScene {
     /// The bodies, in order of their labels.
     pub bodies: Vec<Body>,
     /// What they are made of.
-    pub materials: Vec<Material>,
+    pub materials: Vec<BodyMaterial>,
     /// Whether values lie on both sides of an empty middle, as in a field of anomalies; else they rise from 0.
     pub two_sided: bool,
     /// The light.
@@ -127,7 +127,7 @@ const TIMES: u32 = 84;
 
 impl BodyScene {
     /// A scene without bodies.
-    pub fn new(materials: Vec<Material>, two_sided: bool, shading: Shading) -> Self {
+    pub fn new(materials: Vec<BodyMaterial>, two_sided: bool, shading: Shading) -> Self {
         Self { bodies: Vec::new(), materials, two_sided, shading }
     }
 
