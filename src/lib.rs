@@ -8,7 +8,7 @@
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let (data, scene) = (Path::new("jets"), Synthetic::Jets);
-//! let volume = Source::Synthetic { scene, dims: [96; 3], steps: 30 };
+//! let volume = PrepareSource::Synthetic { scene, dims: [96; 3], steps: 30 };
 //! prepare(&volume, &scene.transfer_function()?, &PrepareOptions::default(), data, &|_| (), &AtomicBool::new(false))?;
 //! let dataset = Dataset::open(data, &OpenOptions::default())?;
 //! let mut trainer = Trainer::new(preset("quick")?, &dataset, &DeviceName::all()[0].open()?)?;

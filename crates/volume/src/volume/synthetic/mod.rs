@@ -32,8 +32,8 @@ use thiserror::Error;
 /// ```
 /// use volseggs_volume::volume::synthetic::Synthetic;
 /// let (value, segment) = Synthetic::Shells.value_and_label([0.0; 3], 0.5);
-/// let name = Synthetic::Shells.segment_names()[usize::from(segment) - 1];
-/// assert!(value > 0.0 && name == "core");
+/// let names = Synthetic::Shells.segment_names();
+/// assert!(value > 0.0 && names[usize::from(segment) - 1] == "core");
 ///
 /// let drawn: Synthetic = "blobs:7".parse().unwrap();
 /// assert!(drawn.segment_names().contains(&"blob-1".to_owned()));
